@@ -19,7 +19,7 @@ from heavebond.language.layout import MIRRORED
 from heavebond.language.library import Library
 from heavebond.language.reading import INTERPOLATIONS
 from heavebond.language.sections import SOLVERS, STARTS
-from heavebond.language.view import COLOURS, PAIRS, WIDE
+from heavebond.language.view import COLOURS, PAIRS, POINTS, SPATIAL_KINDS, TRIPLES, WIDE
 from heavebond.language.view import KINDS as SHAPES
 from heavebond.language.when import KINDS
 from heavebond.optimise.optimal import INTERPOLATIONS as INPUT_INTERPOLATIONS
@@ -115,7 +115,8 @@ def diagram() -> Schema:
                              "step": _said("step of the solvers with a fixed step", TIME),
                              "solver": _said("the integrator of a run [default: auto]", {"enum": list(SOLVERS)})},
                             description="begin and end of a run, the time between output points, and the integrator"),
-        "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
+        "view": _each({"anyOf": [*(view_shape(kind) for kind in SHAPES), *(spatial_shape(kind) for kind in SPATIAL_KINDS)]},
+                      "shapes that `heavebond animate` moves"),
         "source": _said("its source"), "notes": _said("text for readers", {})}, ["model"])
 
 
@@ -126,6 +127,17 @@ def view_shape(kind: str) -> Schema:
     sizes = {key: pair if key in PAIRS and kind not in WIDE else FORMULA for key in (*needed, *more)}
     return _object({"is": {"enum": [kind]}, **sizes, "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}),
                     "label": _said("its label")}, ["is", *needed])
+
+
+def spatial_shape(kind: str) -> Schema:
+    """A shape of a kind in space under `view:`."""
+    needed, more, colour = SPATIAL_KINDS[kind]
+    triple = {"type": "array", "items": FORMULA, "minItems": 3, "maxItems": 3}
+    point = {"anyOf": [TEXT, triple, {"type": "array", "items": FORMULA, "minItems": 4, "maxItems": 4}]}
+    return _object({"is": {"enum": [kind]}, **{
+        key: TEXT if key == "file" else point if key in POINTS and kind != "level" else
+        {"anyOf": [FORMULA, triple]} if key in TRIPLES else FORMULA for key in (*needed, *more)},
+        "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}), "label": _said("its label")}, ["is", *needed])
 
 
 def experiment() -> Schema:
@@ -231,6 +243,8 @@ def component_file(known: Library) -> Schema:
         "power": _said("`source`, or `controlled,` and the reason"), "requires": _said("relations between "
                                                                                        "parameters", WORDS),
         "effect": _effect(domain), "sliding": _each(QUANTITY, "values for linearisation while its dry friction slides"),
+        "view": _each({"anyOf": [spatial_shape(kind) for kind in SPATIAL_KINDS]},
+                      "its shapes in an animation of a diagram without `view:`"),
         "placeholder": _said("reason for a missing law"),
         "approximation": _object({"is": TEXT, "order": TEXT}, ["is", "order"],
                                  "the component without history that can replace it, and the whole number of its order"),

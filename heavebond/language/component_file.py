@@ -30,6 +30,7 @@ from heavebond.language.effects import EffectReader, read_meaning, read_search_r
 from heavebond.language.layout import read_layout
 from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.values import add_formula_problem, check_bounds, check_dimension
+from heavebond.language.view import ViewShape, read_view
 from heavebond.language.when import resets, when_entries
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import (
@@ -51,7 +52,8 @@ T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "opens", "components", "nodes", "layout", "stores", "dissipates", "unbalanced", "power", "requires",
-    "effect", "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames")
+    "effect", "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames",
+    "view")
 EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "symbol", "set")
 _FRAMES = "Write `frames: {a to b: {turn: \"turn(n, phi)\", shift: \"[l, 0, 0]\"}}`, or `{a: ...}` in the fixed frame."
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
@@ -125,8 +127,23 @@ class _Parser:
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),
             approximation=self._approximation(root.items.get("approximation"), parameters),
-            states=states,
+            states=states, view=self._view(root.items.get("view")),
         )
+
+    def _view(self, node: Node | None) -> dict[str, ViewShape]:
+        """The shapes of a part in an animation without `view:`; their frames are ports."""
+        shapes = read_view(node, self.problems, self.source.path.parent)
+        frames = [name for name, port in self.ports.items() if port.domain in self.domains
+                  and self.domains[port.domain].orientation]
+        for shape in shapes.values():
+            for point in shape.points.values():
+                if point.frame and point.frame not in frames:
+                    self.problems.add("view-frame", f"'{point.frame}' is not a port of the domain spatial", point.place,
+                                      hint=suggest(point.frame, frames) or f"Ports: {listing(frames) or 'none'}.")
+            if not shape.spatial:
+                self.problems.add("view-plane", f"'{shape.name}' is a shape in a plane; a component has shapes in space",
+                                  shape.place, hint="Write a port as its place, for example `at: a`.")
+        return shapes
 
     def _approximation(self, node: Node | None, parameters: Dictionary[str, Parameter]) -> Approximation | None:
         entry = reading.mapping(node, "approximation", self.problems, "Write `approximation: {is: PadeDelay, order: m}`.")

@@ -7,11 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from heavebond.core.errors import Place
 from heavebond.core.units import Range, Unit
 from heavebond.records.time_axis import TimeAxis
 from heavebond.text.expression import Call, Compare, Equation, Expr, FunctionCall, Name, children, inside
+
+if TYPE_CHECKING:
+    from heavebond.language.view import ViewShape
 
 REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width of their transition
 
@@ -591,6 +595,7 @@ class Component:
     values: dict[str, Value] = field(default_factory=dict)
     approximation: Approximation | None = None
     states: tuple[ChartState, ...] = ()
+    view: dict[str, ViewShape] = field(default_factory=dict)  # its shapes in an animation of a diagram without `view:`
 
     @property
     def effect(self) -> Effect | None:

@@ -347,7 +347,7 @@ def extended(base: Model, source: Source) -> Model:
             begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
             solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
             largest_step=plan.largest_step or base.largest_step, step=plan.step or base.step,
-            view={**base.view, **read_view(root.items.get("view"), problems)},
+            view={**base.view, **read_view(root.items.get("view"), problems, source.path.parent)},
             files=(*base.files, source.path))
     problems.raise_as(ModelError)
     return model

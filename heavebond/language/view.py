@@ -1,32 +1,72 @@
-"""The section `view:` of a diagram: shapes of an animation, at positions that are formulas of its variables."""
+"""The section `view:` of a diagram: shapes of an animation, at positions that are formulas of its variables.
+
+A view is in a plane, with positions `[x, y]`, or in space. A point in space is a frame, that is a node or a port of a domain
+with an orientation (`boom`), a point in the axes of a frame (`[boom, 0, 0, 0.5 m]`) or one of the fixed frame
+(`[1 m, 0, 0.5 m]`). Component files have the same section, with ports as frames: the shapes of their parts in a diagram
+without a view.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from heavebond.core.errors import Place, Problems
 from heavebond.language import reading
-from heavebond.language.definition import Formula
-from heavebond.text.expression import parse_formula
+from heavebond.language.definition import Component, Formula
+from heavebond.text.expression import names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 COLOURS = ("grey", "dark", "blue", "sea", "gas", "oil", "rock", "red", "green", "orange")
 # required and optional entries of each kind of shape, and its colour
 ENDS, MIDDLE = ("from", "to"), ("at", "size")
-KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
+Kinds = dict[str, tuple[tuple[str, ...], tuple[str, ...], str]]
+KINDS: Kinds = {
     "box": (MIDDLE, (), "grey"), "circle": (("at", "diameter"), ("turned",), "grey"), "line": (ENDS, (), "dark"),
     "beam": ((*ENDS, "width"), (), "grey"), "spring": (ENDS, ("width",), "dark"),
     "damper": (ENDS, ("width", "length"), "dark"), "cylinder": (ENDS, ("width", "length"), "oil"),
     "ground": (("at", "width"), (), "rock"), "level": (("at",), (), "sea"), "mark": (("at",), (), "red")}
+SPATIAL_KINDS: Kinds = {
+    "box": (MIDDLE, ("turned",), "grey"), "sphere": (("at",), ("diameter",), "grey"),
+    "disc": (("at",), ("axis", "diameter", "width"), "grey"), "beam": (ENDS, ("width",), "grey"),
+    "line": (ENDS, (), "dark"), "spring": (ENDS, ("width",), "dark"), "damper": (ENDS, ("width", "length"), "dark"),
+    "cylinder": (ENDS, ("width", "length"), "oil"), "mesh": (("at", "file"), ("unit", "turned"), "grey"),
+    "arrow": (("at", "vector"), ("scale",), "red"), "trace": (("at",), ("duration",), "blue"),
+    "ground": (("at", "width"), (), "rock"), "level": (("at",), (), "sea"),
+    "camera": ((), ("azimuth", "elevation"), "grey")}
+ALL_KINDS = tuple(dict.fromkeys((*KINDS, *SPATIAL_KINDS)))
+INSTEAD = {"circle": "`disc` or `sphere`", "mark": "`level`"}  # what draws in space what a shape of the plane draws
 PAIRS = ("at", "size", "from", "to")
+POINTS = ("at", "from", "to")
+TRIPLES = ("size", "turned", "axis", "vector")  # in space
+EXAMPLES = {"size": "[0.2 m, 0.2 m, 0.6 m]", "turned": "[0, 90 deg, 0]", "axis": "[0, 1, 0]",
+            "vector": "[0, 0, -9.81 m/s**2*load.m]", "azimuth": "-60 deg", "elevation": "25 deg", "duration": "2 s",
+            "scale": "10 kN/m"}
 WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
+FRAME = re.compile(r"[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*")
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point in space: its coordinates in m, along the axes of `frame` from its origin, or of the fixed frame if `frame` is
+    empty. Without coordinates it is the origin."""
+
+    frame: str
+    coordinates: tuple[Formula, ...]
+    place: Place
 
 
 @dataclass(frozen=True)
 class ViewShape:
     """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
-    angle), its colour and its text."""
+    angle), its colour and its text.
+
+    `spatial` is True for a shape in space, False for one in a plane, None for one of either. In space `points` are its
+    places, and `size`, `turned`, `axis` and `vector` have three formulas, or one of a vector. `file` is that of a mesh.
+    """
 
     name: str
     kind: str
@@ -34,47 +74,124 @@ class ViewShape:
     colour: str
     label: str
     place: Place
+    spatial: bool | None = False
+    points: dict[str, Point] = field(default_factory=dict)
+    file: Path | None = None
+
+    @property
+    def all_formulas(self) -> tuple[Formula, ...]:
+        """The formulas of its sizes and places."""
+        return (*(f for part in self.formulas.values() for f in part),
+                *(f for point in self.points.values() for f in point.coordinates))
+
+    def placed(self, path: str, component: Component) -> ViewShape:
+        """The shape of a component in the names of the diagram, for its part `path`."""
+        own = {re.split(r"[.\[]", name)[0] for name in (*component.parameters, *component.variables, *component.signals,
+                                                        *component.ports, *component.body.instances)}
+
+        def formula(old: Formula) -> Formula:
+            return renamed(old, lambda name: f"{path}.{name}" if re.split(r"[.\[]", name)[0] in own else name)
+
+        points = {key: Point(f"{path}.{point.frame}" if point.frame else "", tuple(map(formula, point.coordinates)),
+                             point.place) for key, point in self.points.items()}
+        return replace(self, name=f"{path}.{self.name}", points=points,
+                       formulas={key: tuple(map(formula, part)) for key, part in self.formulas.items()})
 
 
-def read_view(node: Node | None, problems: Problems) -> dict[str, ViewShape]:
-    """The shapes in drawing order, background first."""
+def renamed(formula: Formula, new_name: Callable[[str], str]) -> Formula:
+    """A formula with other names."""
+    text = formula.text
+    for name in sorted(names(formula.tree), key=lambda n: -n.column):
+        text = text[:name.column] + new_name(name.text) + text[name.column + name.length:]
+    return Formula(parse_formula(text), text, formula.place)
+
+
+def read_view(node: Node | None, problems: Problems, folder: Path | None = None) -> dict[str, ViewShape]:
+    """The shapes in drawing order, background first; `folder` is that of the file."""
     entries = reading.mapping(node, "view", problems)
     shapes = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a shape", problems):
-            shape = _shape(name, item, problems)
+            shape = _shape(name, item, folder or Path(), problems)
             if shape is not None:
                 shapes[name] = shape
     return shapes
 
 
-def _shape(name: str, item: Node, problems: Problems) -> ViewShape | None:
+def _shape(name: str, item: Node, folder: Path, problems: Problems) -> ViewShape | None:
     entry = reading.mapping(item, f"'{name}'", problems, "Write `{is: box, at: [0, crown.x], size: [4 m, 1 m]}`.")
     if entry is None:
         return None
     before = len(problems.found)
-    kind = reading.choice(entry.items.get("is"), "is", tuple(KINDS), problems)
+    kind = reading.choice(entry.items.get("is"), "is", ALL_KINDS, problems)
     if not kind:
         if "is" not in entry.items:
             problems.add("key-missing", f"'{name}' needs the entry 'is'", entry.place,
-                         hint=f"Write `is:` and one of {', '.join(KINDS)}.")
+                         hint=f"Write `is:` and one of {', '.join(ALL_KINDS)}.")
         return None
-    needed, more, usual = KINDS[kind]
+    pointed = any(_is_spatial(entry.items.get(key)) for key in POINTS)
+    if pointed and kind in INSTEAD and kind not in WIDE:
+        problems.add("view-kind", f"'{name}': a {kind} is a shape in a plane, at `[x, y]`", entry.place,
+                     hint=f"In space write {INSTEAD[kind]}.")
+        return None
+    spatial = kind not in KINDS or (pointed and kind not in WIDE)
+    needed, more, usual = (SPATIAL_KINDS if spatial else KINDS)[kind]
     reading.known_keys(entry, (*COMMON, *needed, *more), f"'{name}' ({kind})", problems, needed)
-    formulas = {key: _formulas(entry, key, kind, problems) for key in (*needed, *more) if key in entry.items}
+    given = [key for key in (*needed, *more) if key in entry.items]
+    points, file = {}, None
+    if spatial:
+        points = {key: point for key in given if key in POINTS
+                  and (point := _point(entry, key, kind, problems)) is not None}
+        if "file" in given:
+            file = folder / reading.text(entry.items["file"], "file", problems)
+    formulas = {key: _formulas(entry, key, kind, spatial, problems) for key in given if key != "file" and key not in points}
     colour = reading.choice(entry.items.get("colour"), "colour", COLOURS, problems) or usual
     label = reading.text(entry.items.get("label"), "label", problems)
-    return ViewShape(name, kind, formulas, colour, label, entry.place) if len(problems.found) == before else None
+    if len(problems.found) > before:
+        return None
+    return ViewShape(name, kind, formulas, colour, label, entry.place, None if kind == "level" else spatial, points, file)
 
 
-def _formulas(entry: Mapping, key: str, kind: str, problems: Problems) -> tuple[Formula, ...]:
+def _is_spatial(node: Node | None) -> bool:
+    """True for a node that is a frame or has more than two coordinates."""
+    return (isinstance(node, Scalar) and FRAME.fullmatch(node.text) is not None) or \
+        (isinstance(node, Sequence) and len(node.items) > 2)
+
+
+def _point(entry: Mapping, key: str, kind: str, problems: Problems) -> Point | None:
     node = entry.items[key]
-    pair = key in PAIRS and kind not in WIDE
+    if isinstance(node, Scalar) and FRAME.fullmatch(node.text):
+        return Point(node.text, (), node.place)
+    if isinstance(node, Sequence):
+        first = node.items[0] if node.items else None
+        frame = first.text if isinstance(first, Scalar) and FRAME.fullmatch(first.text) and len(node.items) == 4 else ""
+        items = node.items[1:] if frame else node.items
+        if len(items) == 3:
+            return Point(frame, tuple(f for f in (_formula(item, key, problems) for item in items) if f is not None),
+                         node.place)
+    problems.add("view-point", f"`{key}` of a {kind} is a point in space", node.place,
+                 hint=f"Write a node, `{key}: boom`, a point in its axes, `{key}: [boom, 0, 0, 0.5 m]`, or a fixed point, "
+                      f"`{key}: [1 m, 0, 0.5 m]`.")
+    return None
+
+
+def _formulas(entry: Mapping, key: str, kind: str, spatial: bool, problems: Problems) -> tuple[Formula, ...]:
+    node = entry.items[key]
     items = node.items if isinstance(node, Sequence) else (node,)
-    if len(items) != (2 if pair else 1):
-        problems.add("view-pair" if pair else "view-one", f"`{key}` of a {kind} is {'two lengths' if pair else 'one value'}",
-                     node.place, hint=f"Write for example `{key}: {'[0, crown.x]' if pair else '2 m'}`.")
-        return ()
+    if spatial:
+        triple = key in TRIPLES
+        if len(items) != 1 and len(items) != (3 if triple else 1):
+            problems.add("view-triple" if triple else "view-one",
+                         f"`{key}` of a {kind} is {'three values' if triple else 'one value'}", node.place,
+                         hint=f"Write for example `{key}: {EXAMPLES.get(key, '0.1 m')}`.")
+            return ()
+    else:
+        pair = key in PAIRS and kind not in WIDE
+        if len(items) != (2 if pair else 1):
+            problems.add("view-pair" if pair else "view-one",
+                         f"`{key}` of a {kind} is {'two lengths' if pair else 'one value'}",
+                         node.place, hint=f"Write for example `{key}: {'[0, crown.x]' if pair else '2 m'}`.")
+            return ()
     return tuple(f for f in (_formula(item, key, problems) for item in items) if f is not None)
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from heavebond.linear.root_locus import RootLocus
     from heavebond.monitoring.monitor import Monitoring
     from heavebond.numerics.dae import Array
+    from heavebond.numerics.output_times import Time
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Rankings
     from heavebond.pictures.motion import Motion
@@ -99,10 +100,10 @@ def _plots_of_study(result: StudyResult) -> list[Figure]:
 
 
 @provides("Motion.save")
-def _saved_motion(motion: Motion, path: Path, speed: float) -> Path:
+def _saved_motion(motion: Motion, path: Path, speed: float, at: Time | None) -> Path:
     from heavebond.pictures.animation import save_animation
 
-    return save_animation(motion, path, speed=speed)
+    return save_animation(motion, path, speed=speed, at=at)
 
 
 @provides("Motion._repr_html_")

@@ -1,11 +1,14 @@
-"""A motion as a film: GIF by Pillow, MP4 by ffmpeg if it is installed."""
+"""A motion as a film: GIF by Pillow, MP4 by ffmpeg if it is installed; and one of its pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
@@ -13,9 +16,12 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.language.view import WIDE
 from heavebond.numerics.dae import Array
 from heavebond.pictures.motion import Motion, Moving, Outline
+from heavebond.pictures.projection import Camera, middle, polygons
 
 RATE, MOST = 12, 600  # pictures per second, and in all: a GIF holds each of them completely
 HEIGHT, BREADTH, DPI = 6.0, 9.0, 90  # inches at most
+SPACE = 6.4, 4.8  # inches of a picture in space
+EDGE = 0.03  # margin around a picture in space
 LETTERS = 34, 62  # height of letters relative to height and width of a picture, as in animation.js
 SLIM = 0.55  # average width of a letter relative to its height
 # edge, face and pale face, as in animation.css
@@ -36,6 +42,24 @@ def save_film(motion: Motion, path: Path, speed: float) -> None:
             raise UsageError([Problem("ffmpeg-missing", "writing .mp4 needs ffmpeg, which is not installed", None,
                                       "Install ffmpeg, or write .gif or .html.")])
         writer = FFMpegWriter(fps=RATE)
+    figure, draw = _in_space(motion) if motion.solids else _in_plane(motion)
+    length = float(motion.time[-1] - motion.time[0]) / speed
+    number = max(2, min(MOST, int(length * RATE)))
+    with writer.saving(figure, str(path), DPI):
+        for k in np.linspace(0, len(motion.time) - 1, number).round().astype(int):
+            draw(int(k))
+            writer.grab_frame()
+
+
+def save_picture(motion: Motion, path: Path, at: float) -> None:
+    """Write the picture (.png) of the instant `at` in s."""
+    figure, draw = _in_space(motion) if motion.solids else _in_plane(motion)
+    draw(int(np.argmin(np.abs(motion.time - at))))
+    figure.savefig(path, format="png", dpi=DPI)
+
+
+def _in_plane(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
+    """A figure and the function that draws the machine at frame k in it."""
     left, bottom, right, top = motion.edges
     inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
     figure = Figure(figsize=(inch * (right - left), inch * (top - bottom)), dpi=DPI)
@@ -57,17 +81,50 @@ def save_film(motion: Motion, path: Path, speed: float) -> None:
     clock = axes.text(left + letter / 2, top - letter / 2, "", va="top", fontsize=size)
     labels = [(moving, axes.text(0, 0, moving.label, va="center", fontsize=size)) for moving in motion.shapes
               if moving.label]
-    length = float(motion.time[-1] - motion.time[0]) / speed
-    number = max(2, min(MOST, int(length * RATE)))
-    with writer.saving(figure, str(path), DPI):
-        for k in np.linspace(0, len(motion.time) - 1, number).round().astype(int):
-            for moving, outline, patch in patches:
-                patch.set_xy(corners(moving, outline, int(k)))
-            for moving, words in labels:
-                x, y, side = writing(moving, int(k), right, letter)
-                words.set(x=x, y=y, ha=side)
-            clock.set_text(f"{motion.time[k]:.1f} s")
-            writer.grab_frame()
+
+    def draw(k: int) -> None:
+        for moving, outline, patch in patches:
+            patch.set_xy(corners(moving, outline, k))
+        for moving, words in labels:
+            x, y, side = writing(moving, k, right, letter)
+            words.set(x=x, y=y, ha=side)
+        clock.set_text(f"{motion.time[k]:.1f} s")
+
+    return figure, draw
+
+
+def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
+    """The same for a machine in space."""
+    low, high = np.array(motion.edges[:3]), np.array(motion.edges[3:])
+    camera = Camera((low + high) / 2, float(np.linalg.norm(high - low)) / 2 or 1.0, *motion.camera)
+    # the picture ends at the corners of the box around the machine
+    seen = camera.seen(np.array(list(product(*zip(low, high, strict=True)))))[:, :2]
+    centre, half = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0) / 2 * (1 + EDGE)
+    across = max(half[0] / SPACE[0], half[1] / SPACE[1])
+    inches = np.clip(2 * half / (2 * across), 0.55 * np.array(SPACE), None)
+    figure = Figure(figsize=(float(inches[0]), float(inches[1])), dpi=DPI)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(centre[0] - across * inches[0], centre[0] + across * inches[0])
+    axes.set_ylim(centre[1] - across * inches[1], centre[1] + across * inches[1])
+    axes.set_axis_off()
+    painted = PolyCollection([], closed=False, capstyle="round", joinstyle="round")
+    axes.add_collection(painted)
+    clock = axes.text(0.015, 0.98, "", va="top", fontsize=10, transform=axes.transAxes)
+    labels = [(solid, axes.text(0, 0, solid.label, va="bottom", ha="center", fontsize=9)) for solid in motion.solids
+              if solid.label]
+
+    def draw(k: int) -> None:
+        found = polygons(motion.solids, k, motion.time, camera, COLOURS)
+        painted.set_verts([p.corners if p.face is None else np.vstack([p.corners, p.corners[:1]]) for p in found],
+                          closed=False)
+        painted.set(facecolors=[p.face or (0, 0, 0, 0) for p in found], edgecolors=[p.edge or (0, 0, 0, 0) for p in found],
+                    linewidths=[p.width for p in found])
+        for solid, words in labels:
+            x, y, _ = camera.seen(middle(solid, k)[None])[0]
+            words.set(x=x, y=y)
+        clock.set_text(f"{motion.time[k]:.1f} s")
+
+    return figure, draw
 
 
 def corners(moving: Moving, outline: Outline, k: int) -> Array:

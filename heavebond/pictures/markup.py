@@ -61,11 +61,12 @@ def data_block(name: str, value: object) -> Html:
     return Html(f'<script type="application/json" id="{escaped(name)}">{script_json(value)}</script>')
 
 
-def page(title: str, *body: Html, look: str = "report") -> str:
-    """A complete document with style and script of `look` inside. The policy lets the browser use these two, identified
-    by their hashes, and nothing else: no address, no other script, no form."""
-    style, script = (resources.files("heavebond").joinpath("web", name).read_text(encoding="utf-8")
-                     for name in (f"{look}.css", f"{look}.js"))
+def page(title: str, *body: Html, look: str = "report", scripts: Sequence[str] = ()) -> str:
+    """A complete document with style and script of `look` inside, after the files `scripts` of the folder `web`. The policy
+    lets the browser use these, identified by their hashes, and nothing else: no address, no other script, no form."""
+    files = resources.files("heavebond").joinpath("web")
+    style, *parts = (files.joinpath(name).read_text(encoding="utf-8") for name in (f"{look}.css", *scripts, f"{look}.js"))
+    script = "\n".join(parts)
     policy = f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; base-uri 'none'; " \
              "form-action 'none'"
     head = element("head", element("meta", charset="utf-8"),

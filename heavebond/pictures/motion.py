@@ -18,24 +18,29 @@ import numpy as np
 from heavebond.core import facade
 from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
 from heavebond.core.presentation import brief, converted, count, number, readable_unit
-from heavebond.core.units import ONE, Dimension, declared_unit
+from heavebond.core.units import ONE, Dimension, declared_unit, times
 from heavebond.language.model import ModelOrFile, loaded
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
-from heavebond.language.view import WIDE, ViewShape
+from heavebond.language.view import EXAMPLES, WIDE, ViewShape
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
 from heavebond.numerics.simulator import Simulator
-from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
+from heavebond.pictures.space import CAMERA, Solid, default_view, frame_names, is_in_space, resolved, scene
+from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names, parse_formula
 
 RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures per second, and in a whole run
 EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # relative to the height: margin around the picture, depth of the ground, least width
 THIN = 0.08  # default width of a spring relative to its length
 TURNS, ROUND = 7, 36  # number of coils of a spring, corners of a circle
 SHOWN = 3  # signals drawn below by default
-METRE = declared_unit("m").dimension
+METRE, SECOND = declared_unit("m").dimension, declared_unit("s").dimension
+# what an entry of a shape must be, if not a length; without a dimension anything
+WANTED: dict[str, tuple[Dimension | None, str]] = {
+    **dict.fromkeys(("turned", "azimuth", "elevation"), (ONE, "an angle")), "axis": (ONE, "a number"),
+    "duration": (SECOND, "a time"), "vector": (None, ""), "scale": (None, "")}
 Corner = tuple[float, float, float]
 
 
@@ -64,24 +69,32 @@ class Moving:
 @dataclass(frozen=True)
 class Motion(facade.Displayed):
     """Animation data of a run at `time` (n,) in s: shapes in drawing order, the picture's edges in m (left, bottom,
-    right, top), and signals by name: unit and time series (n,). A notebook plays it."""
+    right, top), and signals by name: unit and time series (n,). A notebook plays it.
+
+    A machine in space has `solids` in place of shapes; its edges are the lowest x, y, z and the highest x, y, z, and
+    `camera` is the azimuth and the elevation of the camera in rad.
+    """
 
     title: str
     summary: str
     time: Array
     shapes: tuple[Moving, ...]
-    edges: tuple[float, float, float, float]
+    edges: tuple[float, ...]
     signals: dict[str, tuple[str, Array]] = field(default_factory=dict)
+    solids: tuple[Solid, ...] = ()
+    camera: tuple[float, float] = CAMERA
 
-    def save(self, path: str | Path, *, speed: float = 1.0) -> Path:
-        """Write a page (.html), which plays without a network, or a film (.gif, .mp4), and return the path; `speed` 1 is
-        real time. Raises UsageError for another suffix, or if a program for films is missing."""
-        written: Path = facade.call("Motion.save", self, Path(path), speed)
+    def save(self, path: str | Path, *, speed: float = 1.0, at: Time | None = None) -> Path:
+        """Write a page (.html), which plays without a network, a film (.gif, .mp4), or a picture (.png) of the instant `at`,
+        by default the first, and return the path; `speed` 1 is real time. Raises UsageError for another suffix, for an
+        instant outside the run, or if a program for films is missing."""
+        written: Path = facade.call("Motion.save", self, Path(path), speed, at)
         return written
 
     def __repr__(self) -> str:
+        names_shown = [*(shape.name for shape in self.shapes), *(solid.name for solid in self.solids)]
         return brief(self, self.title, f"{count(len(self.time), 'frame')} from {number(float(self.time[0]))} to "
-                     f"{number(float(self.time[-1]))} s", f"shapes {listing([shape.name for shape in self.shapes], 8)}")
+                     f"{number(float(self.time[-1]))} s", f"shapes {listing(names_shown, 8)}")
 
 
 def _rectangle(x: tuple[float, float], b: tuple[float, float] = (0, 0), w: float = 0.5) -> tuple[Corner, ...]:
@@ -114,20 +127,25 @@ OUTLINES: dict[str, tuple[Outline, ...]] = {
 
 def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None = None,
             parameters: Mapping[str, float | str] | None = None, signals: Iterable[str] = ()) -> Motion:
-    """Run a diagram that has a `view:` and compute the positions of its shapes: an animation.
+    """Run a diagram and compute the positions of the shapes of its `view:`: an animation.
 
     `model`, `until`, `every` and `parameters` are as in `simulate`. `signals` are drawn over time below; by default the
-    first outputs of the diagram. `animation.save("run.html")` writes it. Raises the errors of `simulate`, and ModelError if
-    `view:` is missing, names something that the diagram does not have, or gives a place that is not a length.
+    first outputs of the diagram. `animation.save("run.html")` writes it. A machine in space without `view:` is shown by the
+    shapes of its parts. Raises the errors of `simulate`, and ModelError if the diagram has no shapes, names something that
+    it does not have, or gives a place that is not a length.
     """
     model = loaded(model)
-    if not model.view:
+    chosen = list(signals)
+    assembly = assemble(model, chosen)
+    view = model.view or default_view(assembly)
+    if not view:
         raise ModelError([Problem(
             "view-missing", f"{model.path.name} has no `view:` with shapes to animate", None,
             "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
-    formulas = [f for shape in model.view.values() for part in shape.formulas.values() for f in part]
-    chosen = list(signals)
-    assembly = assemble(model, chosen)
+    spatial = is_in_space(view, assembly)
+    if spatial:
+        view = resolved(view, assembly)
+    formulas = [f for shape in view.values() for f in shape.all_formulas]
     # the rate of each required position that no equation of the diagram needs
     known, apart = assembly.flat.names, {}
     for name in (n.text for f in formulas for n in names(f.tree)):
@@ -135,15 +153,21 @@ def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None
         for domain in assembly.model.library.domains.values():
             if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
                 apart[name] = _Apart(rate, domain.members[member].unit.dimension)
-    _check(assembly, model.view, apart)
+    _check(assembly, view, apart)
     result = simulate(assembly, until, every=every, parameters=parameters)
-    courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
+    trees = {f.text: f.tree for f in formulas} | {name: parse_formula(name) for name in
+                                                  (frame_names(view, assembly) if spatial else ())}
+    courses = _courses(result, trees, _integrated(result, apart, parameters))
     # instants at a constant frame rate, limited to the number that a page can hold
     begin, end = float(result.time[0]), float(result.time[-1])
     number = min(MOST_FRAMES, len(result.time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
     time = np.linspace(begin, end, max(2, number))
     shown_series = {text: np.interp(time, result.time, course) for text, course in courses.items()}
-    return _motion(result, time, shown_series, chosen or list(model.show)[:SHOWN])
+    signals_below = _signals(result, time, chosen or list(model.show)[:SHOWN])
+    if not spatial:
+        return _motion(result, time, shown_series, signals_below)
+    found = scene(view, shown_series, len(time), assembly, ground=not model.view)
+    return Motion(model.name, model.summary, time, (), found.edges, signals_below, found.solids, found.camera)
 
 
 @dataclass(frozen=True)
@@ -187,24 +211,31 @@ def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str
     problems, resolver = Problems(), assembly.resolver()
     places = {name: position.dimension for name, position in apart.items()}
     for shape in view.values():
-        for key, part in shape.formulas.items():
-            for formula in part:
-                try:
-                    dimension_found = resolver.dimension(formula.tree, extra=places)
-                    resolver.evaluate(formula.tree, extra={name: ca.SX.sym(name) for name in apart})
-                except ExpressionProblem as problem:
-                    add_expression_problem(problem, formula.place, problems)
-                    continue
-                wanted, noun = (ONE, "an angle") if key == "turned" else (METRE, "a length")
-                if dimension_found is not None and dimension_found != wanted:
-                    problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
-                                 formula.place,
-                                 hint="Write for example `crown.x + 12 m`.")
-                moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
-                if moving and _has_derivative(formula.tree):
-                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "
-                                             f"the diagram", formula.place, hint=f"Write the rate by its name: "
-                                                                                 f"{listing(moving)}.")
+        entries = [(key, f) for key, part in shape.formulas.items() for f in part]
+        entries += [(key, f) for key, point in shape.points.items() for f in point.coordinates]
+        vector: Dimension | None = None
+        for key, formula in entries:
+            try:
+                dimension_found = resolver.dimension(formula.tree, extra=places)
+                resolver.evaluate(formula.tree, extra={name: ca.SX.sym(name) for name in apart})
+            except ExpressionProblem as problem:
+                add_expression_problem(problem, formula.place, problems)
+                continue
+            wanted, noun = WANTED.get(key, (METRE, "a length"))
+            if key == "vector":
+                vector = dimension_found
+            if key == "scale" and vector is not None:
+                wanted, noun = times(vector, METRE, -1), "the size of the vector over a length"
+            if dimension_found is not None and wanted is not None and dimension_found != wanted:
+                problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
+                             formula.place,
+                             hint="Write for example " + (f"`{key}: {EXAMPLES[key]}`." if key in WANTED else
+                                                          "`crown.x + 12 m`."))
+            moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
+            if moving and _has_derivative(formula.tree):
+                problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "
+                                         f"the diagram", formula.place, hint=f"Write the rate by its name: "
+                                                                             f"{listing(moving)}.")
     problems.raise_as(ModelError)
 
 
@@ -212,7 +243,17 @@ def _has_derivative(tree: Expr) -> bool:
     return (isinstance(tree, Call) and tree.function == "der") or any(_has_derivative(child) for child in children(tree))
 
 
-def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: list[str]) -> Motion:
+def _signals(result: Result, time: Array, chosen: list[str]) -> dict[str, tuple[str, Array]]:
+    """The unit and the time series of signals, in units that suit their size."""
+    shown_series = {}
+    for name, values in result.signals(chosen).items():
+        unit_text = result.unit(name)
+        unit = readable_unit(unit_text, float(np.max(np.abs(values), initial=0.0)))
+        shown_series[name] = (unit, np.interp(time, result.time, converted(values, unit_text, unit)))
+    return shown_series
+
+
+def _motion(result: Result, time: Array, courses: Mapping[str, Array], signals: dict[str, tuple[str, Array]]) -> Motion:
     model = result.assembly.model
     n = len(time)
     placed = {name: _placed(shape, courses, n) for name, shape in model.view.items()}
@@ -227,12 +268,7 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
             course[4] = BAND * (top - bottom)
     shapes = tuple(Moving(shape.name, shape.kind, shape.colour, shape.label, placed[name], OUTLINES[shape.kind])
                    for name, shape in model.view.items())
-    shown_series = {}
-    for name, values in result.signals(chosen).items():
-        unit_text = result.unit(name)
-        unit = readable_unit(unit_text, float(np.max(np.abs(values), initial=0.0)))
-        shown_series[name] = (unit, np.interp(time, result.time, converted(values, unit_text, unit)))
-    return Motion(model.name, model.summary, time, shapes, edges, shown_series)
+    return Motion(model.name, model.summary, time, shapes, edges, signals)
 
 
 def _placed(shape: ViewShape, courses: Mapping[str, Array], n: int) -> Array:

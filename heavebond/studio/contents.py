@@ -74,7 +74,8 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
                                 for name, c in model.initial.conditions.items()}}
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
             "parameters": parameters_by_owner.get("", []), "outputs": output_entries, "named": bool(model.show),
-            "moves": bool(model.view), "settings": run_settings}
+            "moves": bool(model.view) or any(leaf.component.view for leaf in expanded.leaves.values()),
+            "settings": run_settings}
 
 
 def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:

@@ -16,43 +16,52 @@
   const follow = (course, k, part) => typeof course === "number" ? course : course[1] + at(data.tracks[course[0]], k, part);
 
   // -- shapes: y upwards in m, so that the picture is y downwards
-  const [left, bottom, right, top] = data.edges;
-  const stage = make(id("stage"), "svg", {viewBox: `${left} ${-top} ${right - left} ${top - bottom}`, role: "img"});
-  const letter = Math.max((top - bottom) / 34, (right - left) / 62);
-  const shapes = data.shapes.map(shape => {
-    const group = make(stage, "g", {class: `shape ${shape.colour}`, id: `shape-${shape.name}`});
-    make(group, "title", {}, shape.label || shape.name);
-    const paths = shape.outlines.map(o => make(group, "path", {class: `${o.fill} ${o.edge || "bare"}`}));
-    return {shape, paths};
-  });
-  // writing lies over all shapes
-  for (const found of shapes) {
-    if (found.shape.label) found.label = make(stage, "text", {"font-size": letter}, found.shape.label);
-  }
-  const place = ({shape, paths, label}, k, part) => {
-    const [x, y, u, v, width, barrel] = shape.courses.map(course => follow(course, k, part));
-    const length = Math.hypot(u - x, v - y) || 1e-12, dx = (u - x) / length, dy = (v - y) / length;
-    shape.outlines.forEach((outline, i) => {
-      const corners = outline.corners.map(([a, b, w]) => {
-        const s = a * length + b * barrel, n = w * width;
-        return `${(x + s * dx - n * dy).toFixed(5)} ${(-(y + s * dy + n * dx)).toFixed(5)}`;
-      });
-      paths[i].setAttribute("d", "M" + corners.join("L"));
+  const plane = () => {
+    const [left, bottom, right, top] = data.edges;
+    const stage = make(id("stage"), "svg", {viewBox: `${left} ${-top} ${right - left} ${top - bottom}`, role: "img"});
+    const letter = Math.max((top - bottom) / 34, (right - left) / 62);
+    const shapes = data.shapes.map(shape => {
+      const group = make(stage, "g", {class: `shape ${shape.colour}`, id: `shape-${shape.name}`});
+      make(group, "title", {}, shape.label || shape.name);
+      const paths = shape.outlines.map(o => make(group, "path", {class: `${o.fill} ${o.edge || "bare"}`}));
+      return {shape, paths};
     });
-    if (!label) return;
-    const ground = shape.kind === "ground", across = ["level", "mark"].includes(shape.kind);
-    const room = (ground || shape.kind === "box") && label.getComputedTextLength() < length && letter < width;
-    label.setAttribute("text-anchor", room ? "middle" : across ? "end" : "start");
-    label.setAttribute("x", room ? (x + u) / 2 : across ? right - letter / 2
-      : Math.max(x, u) + (Math.abs(dy) > 0.5 ? width / 2 : 0) + letter / 2);
-    label.setAttribute("y", ground ? -y + width / 2 + 0.35 * letter : across ? -y - letter / 3 : -(y + v) / 2 + 0.35 * letter);
+    // writing lies over all shapes
+    for (const found of shapes) {
+      if (found.shape.label) found.label = make(stage, "text", {"font-size": letter}, found.shape.label);
+    }
+    const place = ({shape, paths, label}, k, part) => {
+      const [x, y, u, v, width, barrel] = shape.courses.map(course => follow(course, k, part));
+      const length = Math.hypot(u - x, v - y) || 1e-12, dx = (u - x) / length, dy = (v - y) / length;
+      shape.outlines.forEach((outline, i) => {
+        const corners = outline.corners.map(([a, b, w]) => {
+          const s = a * length + b * barrel, n = w * width;
+          return `${(x + s * dx - n * dy).toFixed(5)} ${(-(y + s * dy + n * dx)).toFixed(5)}`;
+        });
+        paths[i].setAttribute("d", "M" + corners.join("L"));
+      });
+      if (!label) return;
+      const ground = shape.kind === "ground", across = ["level", "mark"].includes(shape.kind);
+      const room = (ground || shape.kind === "box") && label.getComputedTextLength() < length && letter < width;
+      label.setAttribute("text-anchor", room ? "middle" : across ? "end" : "start");
+      label.setAttribute("x", room ? (x + u) / 2 : across ? right - letter / 2
+        : Math.max(x, u) + (Math.abs(dy) > 0.5 ? width / 2 : 0) + letter / 2);
+      label.setAttribute("y", ground ? -y + width / 2 + 0.35 * letter : across ? -y - letter / 3 : -(y + v) / 2 + 0.35 * letter);
+    };
+    // a length to compare with: about a fifth of the height, a round number
+    const tens = 10 ** Math.floor(Math.log10((top - bottom) / 4)), rule = tens * [5, 2, 1].find(n => n * tens <= (top - bottom) / 4);
+    const ruler = make(stage, "g", {class: "ruler"});
+    make(ruler, "path", {d: `M${left + letter} ${-top + letter}h${letter / 2}M${left + letter} ${-top + letter + rule}h${letter / 2}M` +
+      `${left + 1.25 * letter} ${-top + letter}v${rule}`});
+    make(ruler, "text", {x: left + 1.8 * letter, y: -top + 1.35 * letter + rule / 2, "font-size": 0.9 * letter}, `${+rule.toPrecision(3)} m`);
+    return (k, part) => shapes.forEach(shape => place(shape, k, part));
   };
-  // a length to compare with: about a fifth of the height, a round number
-  const tens = 10 ** Math.floor(Math.log10((top - bottom) / 4)), rule = tens * [5, 2, 1].find(n => n * tens <= (top - bottom) / 4);
-  const ruler = make(stage, "g", {class: "ruler"});
-  make(ruler, "path", {d: `M${left + letter} ${-top + letter}h${letter / 2}M${left + letter} ${-top + letter + rule}h${letter / 2}M` +
-    `${left + 1.25 * letter} ${-top + letter}v${rule}`});
-  make(ruler, "text", {x: left + 1.8 * letter, y: -top + 1.35 * letter + rule / 2, "font-size": 0.9 * letter}, `${+rule.toPrecision(3)} m`);
+  const inSpace = () => {
+    const scene = new window.SpaceScene(id("stage"), id("camera"), data);
+    window.scene = scene;
+    return (k, part) => scene.show(k + part);
+  };
+  const machine = data.solids ? inSpace() : plane();
 
   // -- signals over time, with a line at the present instant
   const wide = 952, high = 84, inset = 130;
@@ -75,7 +84,7 @@
   let frame = 0, running = false, before = 0;
   const show = () => {
     const k = Math.min(Math.floor(frame), frames - 1), part = frame - k, t = begin + (end - begin) * frame / (frames - 1);
-    shapes.forEach(shape => place(shape, k, part));
+    machine(k, part);
     courses.forEach(({signal, line, now}) => {
       const x = inset + (wide - inset) * frame / (frames - 1);
       line.setAttribute("x1", x);
@@ -102,7 +111,7 @@
   play.addEventListener("click", toggle);
   slider.addEventListener("input", () => { frame = Number(slider.value); show(); });
   document.addEventListener("keydown", event => {
-    if (event.key === " " && event.target === document.body) { event.preventDefault(); toggle(); }
+    if (event.key === " " && (event.target === document.body || event.target.tagName === "CANVAS")) { event.preventDefault(); toggle(); }
   });
   show();
 })();

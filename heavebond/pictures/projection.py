@@ -1,0 +1,233 @@
+"""Solids of a machine in space as flat polygons of a perspective picture, the farthest first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.colors import to_rgb
+
+from heavebond.numerics.dae import Array
+from heavebond.pictures.space import AREAS, SOLIDS, Solid, rotated, to_axis
+
+ROUND, TURNS, STEPS = 20, 8, 12  # corners of a circle, coils of a spring, corners of a coil
+DISTANCE = 3.2  # of the camera from the middle, relative to the radius of the scene
+LIGHT = np.array([0.35, -0.55, 0.76])  # direction to the lamp
+PARTS = 5  # of an edge of a box, at most
+CELLS = 10  # squares along an edge of the ground, at most
+NEARER = 0.012  # by which lines are painted before faces of the same depth, relative to the radius of the scene
+BORDER = 0.8  # width in points of the edges of a box
+SEAM = 0.3  # width in points of the edge of a face in its own colour, which closes the seam to the next
+
+
+class Piece(NamedTuple):
+    """A face or a line of a solid: its corners (m, 3) in m, how it is drawn, and the width of its edge in points, 0 for
+    none.
+
+    `inside` is a point of the convex body of the face; faces that look away are hidden. `borders` are the corners at which
+    the edges begin that are drawn with a face of which the other edges are not.
+    """
+
+    corners: Array
+    look: str
+    width: float = 0.0
+    inside: Array | None = None
+    borders: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A polygon (m, 2), or a line without `face`, in the picture, with its colours and the width of its edge in points."""
+
+    corners: Array
+    face: tuple[float, ...] | None
+    edge: tuple[float, ...] | None
+    width: float
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera that looks at `middle` (3,) from the direction `back` (3,); a sphere of `radius` fills its picture."""
+
+    middle: Array
+    radius: float
+    azimuth: float
+    elevation: float
+
+    @property
+    def axes(self) -> Array:
+        """To the right, upwards and back to the camera, (3, 3)."""
+        a, e = self.azimuth, self.elevation
+        back = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        return np.array([right, np.cross(back, right), back])
+
+    def seen(self, points: Array) -> Array:
+        """x and y in the picture, in radii of the scene, and the depth of points (m, 3)."""
+        local = (points - self.middle) @ self.axes.T / self.radius
+        depth = np.maximum(DISTANCE - local[:, 2], 1e-3)
+        return np.column_stack([local[:, :2] * (DISTANCE / depth)[:, None], depth])
+
+
+def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
+             colours: dict[str, tuple[str, str, str]]) -> list[Polygon]:
+    """All solids at frame k, in the order in which they are painted."""
+    drawn: list[tuple[float, Polygon]] = []
+    back = camera.axes[2]
+    for solid in solids:
+        edge, face, pale = (np.array(to_rgb(c)) for c in colours[solid.colour])
+        for corners, look, width, inside, borders in _pieces(solid, k, times):
+            seen = camera.seen(corners)
+            depth = float(seen[:, 2].mean())
+            if look == "line":
+                drawn.append((depth - NEARER, Polygon(seen[:, :2], None, tuple(edge), width)))
+            elif look == "floor":
+                drawn.append((1e3, Polygon(seen[:, :2], None, (*(0.5 + 0.5 * edge), 0.6), width)))
+            elif look == "water":
+                drawn.append((depth, Polygon(seen[:, :2], (*face, 0.35), (*edge, 0.5), width)))
+            else:
+                normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+                size, towards = float(np.linalg.norm(normal)), camera.middle + DISTANCE * camera.radius * back - corners[0]
+                if size == 0.0:
+                    continue
+                away = corners.mean(axis=0) - inside if inside is not None else towards
+                outward = normal * np.sign(normal @ away or 1.0)
+                if outward @ towards <= 0.0:
+                    continue
+                bright = 0.72 + 0.28 * max(0.0, float(outward @ LIGHT) / size)
+                lit = tuple(np.clip((face if look == "full" else pale) * bright, 0, 1).tolist())
+                drawn.append((depth, Polygon(seen[:, :2], lit, tuple(edge) if width else lit, width or SEAM)))
+                drawn += [(depth - 1e-6, Polygon(seen[[j, (j + 1) % len(seen)], :2], None, tuple(edge), BORDER))
+                          for j in borders]
+    drawn.sort(key=lambda entry: -entry[0])
+    return [polygon for _, polygon in drawn]
+
+
+def middle(solid: Solid, k: int) -> Array:
+    """The point (3,) of a solid at frame k at which its label is written."""
+    c = solid.courses
+    return np.asarray((c["from"][:, k] + c["to"][:, k]) / 2 if "from" in c else c["at"][:, k])
+
+
+def _pieces(solid: Solid, k: int, times: Array) -> list[Piece]:
+    """Polygons and lines of a solid in m."""
+    c = {key: course[:, k] for key, course in solid.courses.items()}
+    if solid.kind in SOLIDS:
+        def placed(points: Array) -> Array:
+            return np.asarray(rotated(c["turn"][:, None], (points * c["size"]).T).T + c["at"])
+
+        if solid.kind == "mesh" and solid.faces is not None:
+            corners = placed(solid.faces[0])
+            return [Piece(corners[triangle], "full", 0.0) for triangle in solid.faces[1]]
+        unit = _box(c["size"]) if solid.kind == "box" else {"sphere": _sphere, "disc": _disc}[solid.kind]()
+        return [piece._replace(corners=placed(piece.corners), inside=c["at"]) for piece in unit]
+    if solid.kind == "trace":
+        begin = times[k] - c["duration"][0] if c["duration"][0] > 0 else times[0]
+        way = solid.courses["at"].T[(times >= begin) & (np.arange(len(times)) <= k)][::max(1, k // 400)]
+        way = np.vstack([way, c["at"]])
+        return [Piece(way[j:j + 2], "line", 1.2) for j in range(len(way) - 1)]
+    if solid.kind in AREAS:
+        half = c["size"][:2] / 2
+        corners = c["at"] + np.array([(x * half[0], y * half[1], 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        return [Piece(corners, "water", 0.5)] if solid.kind == "level" else _grid(c["at"], float(c["size"][0]))
+    return _bar(solid.kind, c)
+
+
+def _bar(kind: str, c: dict[str, Array]) -> list[Piece]:
+    a, b = c["from"], c["to"]
+    length = float(np.linalg.norm(b - a))
+    if length == 0.0 or not np.isfinite(length):
+        return []
+    along, width = (b - a) / length, float(c["width"][0])
+    turn = to_axis(along[:, None])
+
+    def tube(begin: float, end: float, one: float, other: float | None = None, look: str = "full") -> list[Piece]:
+        """A round bar between two distances from a, with the diameters at its ends."""
+        corners = []
+        for at, across in ((begin, one), (end, one if other is None else other)):
+            angle = 2 * np.pi * np.arange(ROUND // 2) / (ROUND // 2)
+            ring = np.array([across / 2 * np.cos(angle), across / 2 * np.sin(angle), np.full(len(angle), at)])
+            corners.append(rotated(turn, ring).T + a)
+        low, high = corners
+        inside = (low.mean(axis=0) + high.mean(axis=0)) / 2
+        sides = [Piece(np.array([low[j - 1], low[j], high[j], high[j - 1]]), look, 0.0, inside)
+                              for j in range(len(low))]
+        return [*sides, Piece(low, look, 0.6, inside), Piece(high, look, 0.6, inside)]
+
+    if kind == "line":
+        parts = np.linspace(0.0, 1.0, 9)[:, None]
+        way = a + parts * (b - a)
+        return [Piece(way[j:j + 2], "line", 1.4) for j in range(8)]
+    if kind == "beam":
+        pieces = max(1, min(8, int(length / (3 * width)))) if width > 0 else 1
+        ends = np.linspace(0.0, length, pieces + 1)
+        return [piece for j in range(pieces) for piece in tube(ends[j], ends[j + 1], width)
+                if piece[2] == 0.0 or j in (0, pieces - 1)]
+    if kind == "arrow":
+        head = min(3.5 * width, length)
+        return [*tube(0.0, length - head, 0.6 * width), *tube(length - head, length, 2.0 * width, 0.0)]
+    if kind == "spring":
+        turns = np.linspace(0.0, 1.0, TURNS * STEPS + 1)
+        angle = 2 * np.pi * TURNS * turns
+        ring = width / 2 * np.array([np.cos(angle), np.sin(angle)])
+        coil = np.vstack([ring, length * (0.1 + 0.8 * turns)])
+        ends = np.array([[0, 0, 0], [0, 0, 0.1 * length], [0, 0, 0.9 * length], [0, 0, length]]).T
+        way = rotated(turn, np.column_stack([ends[:, :2], coil, ends[:, 2:]])).T + a
+        return [Piece(way[j:j + 2], "line", 1.4) for j in range(len(way) - 1)]
+    barrel = float(min(c["length"][0], length))
+    rod = 0.45 * width if kind == "cylinder" else 0.25 * width
+    return [*tube(0.0, barrel, width, look="full"), *tube(barrel, length, rod, look="soft")]
+
+
+def _grid(at: Array, width: float) -> list[Piece]:
+    cell = cell_size(width)
+    half = width / 2
+    lines = []
+    for k in range(-int(half / cell), int(half / cell) + 1):
+        for axis in (0, 1):
+            ends = np.repeat([at], 2, axis=0)
+            ends[:, axis] += k * cell
+            ends[:, 1 - axis] += np.array([-half, half])
+            lines.append(Piece(ends, "floor", 0.6))
+    return lines
+
+
+def cell_size(width: float) -> float:
+    """The edge of the squares of the ground: 1, 2 or 5 times a power of ten."""
+    ten = 10.0 ** np.floor(np.log10(width / CELLS))
+    return float(next((f * ten for f in (1, 2, 5) if width / (f * ten) <= CELLS), 10 * ten))
+
+
+def _box(size: Array) -> list[Piece]:
+    """Faces in parts of about the same length, so that the order of their depths is right beside other solids."""
+    found: list[Piece] = []
+    parts = np.clip(np.round(size / max(float(np.median(size)), 0.2 * float(size.max()))), 1, PARTS).astype(int)
+    steps = [np.linspace(-0.5, 0.5, n + 1) for n in parts]
+    for axis in range(3):
+        one, other = (axis + 1) % 3, (axis + 2) % 3
+        for side in (-0.5, 0.5):
+            for i, (a, b) in enumerate(pairwise(steps[one])):
+                for j, (c, d) in enumerate(pairwise(steps[other])):
+                    corners = np.full((4, 3), side)
+                    corners[:, [one, other]] = [(a, c), (b, c), (b, d), (a, d)]
+                    outer = (j == 0, i == parts[one] - 1, j == parts[other] - 1, i == 0)
+                    found.append(Piece(corners, "full", 0.0, np.zeros(3), tuple(k for k in range(4) if outer[k])))
+    return found
+
+
+def _disc() -> list[Piece]:
+    angle, inside = 2 * np.pi * np.arange(ROUND) / ROUND, np.zeros(3)
+    ring = 0.5 * np.array([np.cos(angle), np.sin(angle)]).T
+    low, high = (np.column_stack([ring, np.full(ROUND, z)]) for z in (-0.5, 0.5))
+    sides = [Piece(np.array([low[j - 1], low[j], high[j], high[j - 1]]), "full", 0.0, inside) for j in range(ROUND)]
+    spokes = [Piece(np.array([[0, 0, z], [0.5, 0, z]]), "line", 0.8) for z in (-0.5, 0.5)]
+    return [*sides, Piece(low, "full", 0.7, inside), Piece(high, "full", 0.7, inside), *spokes]
+
+
+def _sphere() -> list[Piece]:
+    angle, height = 2 * np.pi * np.arange(ROUND) / ROUND, np.pi * np.arange(9) / 8
+    points = 0.5 * np.array([[(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for t in angle] for h in height])
+    return [Piece(points[[i, i, i + 1, i + 1], [j - 1, j, j, j - 1]], "full", 0.0, np.zeros(3))
+            for i in range(8) for j in range(ROUND)]
