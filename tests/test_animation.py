@@ -139,7 +139,8 @@ def test_the_command_writes_a_page_and_refuses_another_suffix(tmp_path: Path) ->
     assert CliRunner().invoke(main, ["animate", "quarter_car", "-o", str(tmp_path / "car.avi")]).exit_code == 2
 
 
-SEEN = [path for path in sorted(bundled("models").glob("*/*.yaml")) if "\nview:" in path.read_text(encoding="utf-8")]
+SEEN = [path for path in sorted(bundled("models").glob("*/*.yaml"))
+        if "\nview:" in path.read_text(encoding="utf-8") and path.parent.name != "spatial"]
 
 
 @pytest.mark.parametrize("path", SEEN, ids=lambda path: path.stem)

@@ -27,6 +27,7 @@ def test_nothing_lands_beside_the_package(wheel: Path) -> None:
     assert "heavebond/models/cmc_ahc/cmc_ahc.yaml" in names
     assert {"heavebond/web/report.css", "heavebond/web/report.js",
             "heavebond/web/animation.css", "heavebond/web/animation.js",
+            "heavebond/web/space/three.js", "heavebond/web/space/three.LICENSE", "heavebond/web/space/scene.js",
             "heavebond/c/fmi2.c", "heavebond/c/fmi3.c", "heavebond/c/fmu_core.c", "heavebond/c/fmu_events.c",
             "heavebond/c/rosenbrock.c", "heavebond/c/run.c", "heavebond/c/c_run.c", "heavebond/c/limits.c",
             "heavebond/c/evaluate.c",

@@ -25,12 +25,13 @@ from heavebond.language.definition import (
     SignalPort,
     Value,
     Variable,
+    ViewShape,
 )
 from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
 from heavebond.language.layout import read_layout
 from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.values import add_formula_problem, check_bounds, check_dimension
-from heavebond.language.view import ViewShape, read_view
+from heavebond.language.view import read_view
 from heavebond.language.when import resets, when_entries
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import (

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from heavebond.core.errors import Place
 from heavebond.core.units import Range, Unit
 from heavebond.records.time_axis import TimeAxis
-from heavebond.text.expression import Call, Compare, Equation, Expr, FunctionCall, Name, children, inside
-
-if TYPE_CHECKING:
-    from heavebond.language.view import ViewShape
+from heavebond.text.expression import (
+    Call,
+    Compare,
+    Equation,
+    Expr,
+    FunctionCall,
+    Name,
+    children,
+    inside,
+    names,
+    parse_formula,
+)
 
 REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width of their transition
 
@@ -351,6 +358,63 @@ class Formula:
     tree: Expr
     text: str
     place: Place
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point in space: its coordinates in m, along the axes of `frame` from its origin, or of the fixed frame if `frame` is
+    empty. Without coordinates it is the origin."""
+
+    frame: str
+    coordinates: tuple[Formula, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class ViewShape:
+    """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
+    angle), its colour and its text.
+
+    `spatial` is True for a shape in space, False for one in a plane, None for one of either. In space `points` are its
+    places, and `size`, `turned`, `axis` and `vector` have three formulas, or one of a vector. `file` is that of a mesh.
+    """
+
+    name: str
+    kind: str
+    formulas: dict[str, tuple[Formula, ...]]
+    colour: str
+    label: str
+    place: Place
+    spatial: bool | None = False
+    points: dict[str, Point] = field(default_factory=dict)
+    file: Path | None = None
+
+    @property
+    def all_formulas(self) -> tuple[Formula, ...]:
+        """The formulas of its sizes and places."""
+        return (*(f for part in self.formulas.values() for f in part),
+                *(f for point in self.points.values() for f in point.coordinates))
+
+    def placed(self, path: str, component: Component) -> ViewShape:
+        """The shape of a component in the names of the diagram, for its part `path`."""
+        own = {re.split(r"[.\[]", name)[0] for name in (*component.parameters, *component.variables, *component.signals,
+                                                        *component.ports, *component.body.instances)}
+
+        def formula(old: Formula) -> Formula:
+            return renamed(old, lambda name: f"{path}.{name}" if re.split(r"[.\[]", name)[0] in own else name)
+
+        points = {key: Point(f"{path}.{point.frame}" if point.frame else "", tuple(map(formula, point.coordinates)),
+                             point.place) for key, point in self.points.items()}
+        return replace(self, name=f"{path}.{self.name}", points=points,
+                       formulas={key: tuple(map(formula, part)) for key, part in self.formulas.items()})
+
+
+def renamed(formula: Formula, new_name: Callable[[str], str]) -> Formula:
+    """A formula with other names."""
+    text = formula.text
+    for name in sorted(names(formula.tree), key=lambda n: -n.column):
+        text = text[:name.column] + new_name(name.text) + text[name.column + name.length:]
+    return Formula(parse_formula(text), text, formula.place)
 
 
 @dataclass(frozen=True)

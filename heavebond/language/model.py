@@ -15,7 +15,7 @@ from heavebond.core.native_permission import native_code
 from heavebond.core.presentation import brief, count
 from heavebond.core.quantities import number_or_text
 from heavebond.language import reading
-from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, ViewShape, Wire
 from heavebond.language.layout import read_layout
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
@@ -32,7 +32,7 @@ from heavebond.language.sections import (
     read_show,
     read_vary,
 )
-from heavebond.language.view import ViewShape, read_view
+from heavebond.language.view import read_view
 from heavebond.text.expression import Number, calling
 from heavebond.text.yaml_source import Node, Scalar, Source, parse, read
 
@@ -98,10 +98,11 @@ class Model:
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """Paths of the diagram's files, including files with lists of values."""
+        """Paths of the diagram's files, including files with lists of values and meshes."""
         settings = [*(v for i in self.body.instances.values() for v in i.settings.values()),
                     *(s.value for s in self.settings.values())]
-        return (*self.files, *dict.fromkeys(v.file for v in settings if isinstance(v, Value) and v.file))
+        return (*self.files, *dict.fromkeys((*(v.file for v in settings if isinstance(v, Value) and v.file),
+                                             *(shape.file for shape in self.view.values() if shape.file))))
 
     def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
         """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; also other

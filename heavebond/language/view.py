@@ -9,14 +9,12 @@ without a view.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from heavebond.core.errors import Place, Problems
+from heavebond.core.errors import Problems
 from heavebond.language import reading
-from heavebond.language.definition import Component, Formula
-from heavebond.text.expression import names, parse_formula
+from heavebond.language.definition import Formula, Point, ViewShape
+from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 COLOURS = ("grey", "dark", "blue", "sea", "gas", "oil", "rock", "red", "green", "orange")
@@ -43,67 +41,10 @@ POINTS = ("at", "from", "to")
 TRIPLES = ("size", "turned", "axis", "vector")  # in space
 EXAMPLES = {"size": "[0.2 m, 0.2 m, 0.6 m]", "turned": "[0, 90 deg, 0]", "axis": "[0, 1, 0]",
             "vector": "[0, 0, -9.81 m/s**2*load.m]", "azimuth": "-60 deg", "elevation": "25 deg", "duration": "2 s",
-            "scale": "10 kN/m"}
+            "scale": "10 kN/m", "unit": "1 mm"}
 WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
 FRAME = re.compile(r"[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*")
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point in space: its coordinates in m, along the axes of `frame` from its origin, or of the fixed frame if `frame` is
-    empty. Without coordinates it is the origin."""
-
-    frame: str
-    coordinates: tuple[Formula, ...]
-    place: Place
-
-
-@dataclass(frozen=True)
-class ViewShape:
-    """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
-    angle), its colour and its text.
-
-    `spatial` is True for a shape in space, False for one in a plane, None for one of either. In space `points` are its
-    places, and `size`, `turned`, `axis` and `vector` have three formulas, or one of a vector. `file` is that of a mesh.
-    """
-
-    name: str
-    kind: str
-    formulas: dict[str, tuple[Formula, ...]]
-    colour: str
-    label: str
-    place: Place
-    spatial: bool | None = False
-    points: dict[str, Point] = field(default_factory=dict)
-    file: Path | None = None
-
-    @property
-    def all_formulas(self) -> tuple[Formula, ...]:
-        """The formulas of its sizes and places."""
-        return (*(f for part in self.formulas.values() for f in part),
-                *(f for point in self.points.values() for f in point.coordinates))
-
-    def placed(self, path: str, component: Component) -> ViewShape:
-        """The shape of a component in the names of the diagram, for its part `path`."""
-        own = {re.split(r"[.\[]", name)[0] for name in (*component.parameters, *component.variables, *component.signals,
-                                                        *component.ports, *component.body.instances)}
-
-        def formula(old: Formula) -> Formula:
-            return renamed(old, lambda name: f"{path}.{name}" if re.split(r"[.\[]", name)[0] in own else name)
-
-        points = {key: Point(f"{path}.{point.frame}" if point.frame else "", tuple(map(formula, point.coordinates)),
-                             point.place) for key, point in self.points.items()}
-        return replace(self, name=f"{path}.{self.name}", points=points,
-                       formulas={key: tuple(map(formula, part)) for key, part in self.formulas.items()})
-
-
-def renamed(formula: Formula, new_name: Callable[[str], str]) -> Formula:
-    """A formula with other names."""
-    text = formula.text
-    for name in sorted(names(formula.tree), key=lambda n: -n.column):
-        text = text[:name.column] + new_name(name.text) + text[name.column + name.length:]
-    return Formula(parse_formula(text), text, formula.place)
 
 
 def read_view(node: Node | None, problems: Problems, folder: Path | None = None) -> dict[str, ViewShape]:
@@ -152,6 +93,11 @@ def _shape(name: str, item: Node, folder: Path, problems: Problems) -> ViewShape
     return ViewShape(name, kind, formulas, colour, label, entry.place, None if kind == "level" else spatial, points, file)
 
 
+def article(kind: str) -> str:
+    """A kind of shape with its article."""
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
 def _is_spatial(node: Node | None) -> bool:
     """True for a node that is a frame or has more than two coordinates."""
     return (isinstance(node, Scalar) and FRAME.fullmatch(node.text) is not None) or \
@@ -168,8 +114,8 @@ def _point(entry: Mapping, key: str, kind: str, problems: Problems) -> Point | N
         items = node.items[1:] if frame else node.items
         if len(items) == 3:
             return Point(frame, tuple(f for f in (_formula(item, key, problems) for item in items) if f is not None),
-                         node.place)
-    problems.add("view-point", f"`{key}` of a {kind} is a point in space", node.place,
+                         first.place if first is not None and frame else node.place)
+    problems.add("view-point", f"`{key}` of {article(kind)} is a point in space", node.place,
                  hint=f"Write a node, `{key}: boom`, a point in its axes, `{key}: [boom, 0, 0, 0.5 m]`, or a fixed point, "
                       f"`{key}: [1 m, 0, 0.5 m]`.")
     return None
@@ -182,8 +128,9 @@ def _formulas(entry: Mapping, key: str, kind: str, spatial: bool, problems: Prob
         triple = key in TRIPLES
         if len(items) != 1 and len(items) != (3 if triple else 1):
             problems.add("view-triple" if triple else "view-one",
-                         f"`{key}` of a {kind} is {'three values' if triple else 'one value'}", node.place,
-                         hint=f"Write for example `{key}: {EXAMPLES.get(key, '0.1 m')}`.")
+                         f"`{key}` of {article(kind)} in space is {'three values' if triple else 'one value'}", node.place,
+                         hint=f"Write for example `{key}: {EXAMPLES.get(key, '0.1 m')}`."
+                              + (" In a plane, places are `[x, y]`." if len(items) == 2 and kind in KINDS else ""))
             return ()
     else:
         pair = key in PAIRS and kind not in WIDE

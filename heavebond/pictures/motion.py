@@ -19,10 +19,11 @@ from heavebond.core import facade
 from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
 from heavebond.core.presentation import brief, converted, count, number, readable_unit
 from heavebond.core.units import ONE, Dimension, declared_unit, times
+from heavebond.language.definition import ViewShape
 from heavebond.language.model import ModelOrFile, loaded
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
-from heavebond.language.view import EXAMPLES, WIDE, ViewShape
+from heavebond.language.view import EXAMPLES, WIDE
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
@@ -153,7 +154,7 @@ def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None
         for domain in assembly.model.library.domains.values():
             if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
                 apart[name] = _Apart(rate, domain.members[member].unit.dimension)
-    _check(assembly, view, apart)
+    check_view(assembly, view, apart)
     result = simulate(assembly, until, every=every, parameters=parameters)
     trees = {f.text: f.tree for f in formulas} | {name: parse_formula(name) for name in
                                                   (frame_names(view, assembly) if spatial else ())}
@@ -206,8 +207,8 @@ def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, 
     return series_by_text
 
 
-def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
-    """Check names and units of all formulas."""
+def check_view(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
+    """Check names and units of all formulas of a view, where `apart` are the positions that are integrated separately."""
     problems, resolver = Problems(), assembly.resolver()
     places = {name: position.dimension for name, position in apart.items()}
     for shape in view.values():

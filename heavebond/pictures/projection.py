@@ -73,36 +73,61 @@ class Camera:
 
 def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
              colours: dict[str, tuple[str, str, str]]) -> list[Polygon]:
-    """All solids at frame k, in the order in which they are painted."""
-    drawn: list[tuple[float, Polygon]] = []
+    """All solids at frame k, in the order in which they are painted: what is behind a level, the level, what is before it;
+    each from the farthest to the nearest."""
     back = camera.axes[2]
+    eye = camera.middle + DISTANCE * camera.radius * back
+    water = next((float(solid.courses["at"][2, k]) for solid in solids if solid.kind == "level"), None)
+    drawn: list[tuple[int, float, Polygon]] = []
+
+    def paint(corners: Array, nearer: float, face: tuple[float, ...] | None, edge: tuple[float, ...] | None,
+              width: float) -> None:
+        depth = -float(camera.seen(corners)[:, 2].mean()) + nearer
+        parts = [corners] if water is None else [_cut(corners, water, side) for side in (-1.0, 1.0)]
+        for part in parts:
+            if len(part) > 1:
+                before = water is not None and (part[:, 2].mean() > water) == (eye[2] > water)
+                drawn.append((2 if before else 0, depth, Polygon(camera.seen(part)[:, :2], face, edge, width)))
+
     for solid in solids:
         edge, face, pale = (np.array(to_rgb(c)) for c in colours[solid.colour])
+        base = {"full": face, "soft": pale, "dark": edge}
         for corners, look, width, inside, borders in _pieces(solid, k, times):
-            seen = camera.seen(corners)
-            depth = float(seen[:, 2].mean())
             if look == "line":
-                drawn.append((depth - NEARER, Polygon(seen[:, :2], None, tuple(edge), width)))
+                paint(corners, NEARER, None, tuple(edge), width)
             elif look == "floor":
-                drawn.append((1e3, Polygon(seen[:, :2], None, (*(0.5 + 0.5 * edge), 0.6), width)))
+                paint(corners, -1e3, None, (*(0.5 + 0.5 * edge), 0.6), width)
             elif look == "water":
-                drawn.append((depth, Polygon(seen[:, :2], (*face, 0.35), (*edge, 0.5), width)))
+                drawn.append((1, 0.0, Polygon(camera.seen(corners)[:, :2], (*face, 0.4), None, 0.0)))
             else:
-                normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-                size, towards = float(np.linalg.norm(normal)), camera.middle + DISTANCE * camera.radius * back - corners[0]
-                if size == 0.0:
-                    continue
+                normal, towards = np.cross(corners[1] - corners[0], corners[2] - corners[0]), eye - corners[0]
+                size = float(np.linalg.norm(normal))
                 away = corners.mean(axis=0) - inside if inside is not None else towards
                 outward = normal * np.sign(normal @ away or 1.0)
-                if outward @ towards <= 0.0:
+                if size == 0.0 or outward @ towards <= 0.0:
                     continue
                 bright = 0.72 + 0.28 * max(0.0, float(outward @ LIGHT) / size)
-                lit = tuple(np.clip((face if look == "full" else pale) * bright, 0, 1).tolist())
-                drawn.append((depth, Polygon(seen[:, :2], lit, tuple(edge) if width else lit, width or SEAM)))
-                drawn += [(depth - 1e-6, Polygon(seen[[j, (j + 1) % len(seen)], :2], None, tuple(edge), BORDER))
-                          for j in borders]
-    drawn.sort(key=lambda entry: -entry[0])
-    return [polygon for _, polygon in drawn]
+                lit = tuple(np.clip(base[look] * bright, 0, 1).tolist())
+                paint(corners, 0.0, lit, tuple(edge) if width else lit, width or SEAM)
+                for j in borders:
+                    paint(corners[[j, (j + 1) % len(corners)]], NEARER, None, tuple(edge), BORDER)
+    drawn.sort(key=lambda entry: entry[:2])
+    return [polygon for *_, polygon in drawn]
+
+
+def _cut(corners: Array, height: float, side: float) -> Array:
+    """The part of a convex polygon or of a line that is above a height (`side` 1) or below it (-1)."""
+    above = side * (corners[:, 2] - height)
+    if (above >= 0).all():
+        return corners
+    found: list[Array] = []
+    for j in range(len(corners) if (above > 0).any() else 0):
+        i = j - 1
+        if (above[i] > 0) != (above[j] > 0) and (len(corners) > 2 or j > 0):
+            found.append(corners[i] + above[i] / (above[i] - above[j]) * (corners[j] - corners[i]))
+        if above[j] > 0:
+            found.append(corners[j])
+    return np.array(found).reshape(-1, 3)
 
 
 def middle(solid: Solid, k: int) -> Array:
@@ -131,7 +156,9 @@ def _pieces(solid: Solid, k: int, times: Array) -> list[Piece]:
     if solid.kind in AREAS:
         half = c["size"][:2] / 2
         corners = c["at"] + np.array([(x * half[0], y * half[1], 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-        return [Piece(corners, "water", 0.5)] if solid.kind == "level" else _grid(c["at"], float(c["size"][0]))
+        if solid.kind == "ground":
+            return _grid(c["at"], float(c["size"][0]))
+        return [Piece(corners, "water")]
     return _bar(solid.kind, c)
 
 
@@ -167,7 +194,7 @@ def _bar(kind: str, c: dict[str, Array]) -> list[Piece]:
                 if piece[2] == 0.0 or j in (0, pieces - 1)]
     if kind == "arrow":
         head = min(3.5 * width, length)
-        return [*tube(0.0, length - head, 0.6 * width), *tube(length - head, length, 2.0 * width, 0.0)]
+        return [*tube(0.0, length - head, 0.6 * width, look="dark"), *tube(length - head, length, 2.0 * width, 0.0, "dark")]
     if kind == "spring":
         turns = np.linspace(0.0, 1.0, TURNS * STEPS + 1)
         angle = 2 * np.pi * TURNS * turns
@@ -222,8 +249,9 @@ def _disc() -> list[Piece]:
     ring = 0.5 * np.array([np.cos(angle), np.sin(angle)]).T
     low, high = (np.column_stack([ring, np.full(ROUND, z)]) for z in (-0.5, 0.5))
     sides = [Piece(np.array([low[j - 1], low[j], high[j], high[j - 1]]), "full", 0.0, inside) for j in range(ROUND)]
-    spokes = [Piece(np.array([[0, 0, z], [0.5, 0, z]]), "line", 0.8) for z in (-0.5, 0.5)]
-    return [*sides, Piece(low, "full", 0.7, inside), Piece(high, "full", 0.7, inside), *spokes]
+    # from the middle along a spoke, which shows how the disc turns, and around
+    caps = [np.vstack([[0.0, 0.0, z], ring, ring[:1]]) for z, ring in ((-0.5, low), (0.5, high))]
+    return [*sides, *(Piece(cap, "full", 0.7, inside) for cap in caps)]
 
 
 def _sphere() -> list[Piece]:

@@ -10,20 +10,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
+from pathlib import Path
 
 import numpy as np
 
-from heavebond.core.errors import ModelError, Problem, Problems, listing, suggest
-from heavebond.language.definition import Formula
-from heavebond.language.view import EXAMPLES, INSTEAD, POINTS, TRIPLES, Point, ViewShape, renamed
+from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing, suggest
+from heavebond.language.definition import Formula, Point, ViewShape, renamed
+from heavebond.language.view import EXAMPLES, INSTEAD, POINTS, TRIPLES, article
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.text.expression import ExpressionProblem, parse_formula
+from heavebond.text.expression import ExpressionProblem, names, parse_formula
 
+MESHES, MOST_TRIANGLES = (".stl", ".obj"), 50_000
 SOLIDS, AREAS = ("box", "sphere", "disc", "mesh"), ("ground", "level")
 BARS = ("beam", "line", "spring", "damper", "cylinder", "arrow")
 THICK = 0.022  # default width of a bar relative to the extent of the machine
 LONGEST = 0.25  # default length of the longest arrow of a shape, relative to the same
-BEYOND = 1.3  # width of the default ground and of a level relative to the extent
+BEYOND, SEA = 1.3, 2.5  # widths of the default ground and of a level relative to the extent
 CAMERA = (np.radians(-55.0), np.radians(22.0))  # default azimuth and elevation of the camera in rad
 
 
@@ -80,9 +82,9 @@ def _in_the_plane(shape: ViewShape) -> Problem:
     """The problem of a shape in space in a diagram without frames."""
     key, point = next(iter(shape.points.items()), ("", None))
     if point is None or shape.kind not in ("box", "beam", "line", "spring", "damper", "cylinder", "ground"):
-        return Problem("view-space", f"'{shape.name}': a {shape.kind} is a shape in space, and this diagram has no frames "
-                       "of the domain spatial", shape.place, "Machines in space have bodies of the library `spatial`; see "
-                       "`heavebond library spatial`.")
+        return Problem("view-space", f"'{shape.name}': {article(shape.kind)} is a shape in space, and this diagram has no "
+                       "frames of the domain spatial", shape.place, "Machines in space have bodies of the library "
+                       "`spatial`; see `heavebond library spatial`.")
     return Problem("view-pair", f"`{key}` of a {shape.kind} is two lengths", point.place,
                    f"Write for example `{key}: [0, crown.x]`.")
 
@@ -100,6 +102,11 @@ def resolved(view: Mapping[str, ViewShape], assembly: Assembly) -> dict[str, Vie
         for point in shape.points.values():
             if point.frame and point.frame not in frames:
                 _add_frame_problem(point, frames, assembly, problems)
+            first = point.coordinates[0].text if point.coordinates and not point.frame else ""
+            if first in frames:
+                given = ", ".join(formula.text for formula in point.coordinates)
+                problems.add("view-point", f"'{first}' is a frame, and three coordinates along its axes follow it",
+                             point.place, hint=f"Write for example `[{given}, 0]`.")
         formulas = {key: _elements(shape, key, part, assembly, problems) if key in TRIPLES and len(part) == 1 else part
                     for key, part in shape.formulas.items()}
         found[name] = replace(shape, formulas=formulas)
@@ -109,17 +116,18 @@ def resolved(view: Mapping[str, ViewShape], assembly: Assembly) -> dict[str, Vie
 
 def _add_frame_problem(point: Point, frames: list[str], assembly: Assembly, problems: Problems) -> None:
     flat, name = assembly.flat, point.frame
+    nodes, owner = [frame for frame in frames if frame in flat.expanded.junctions], name.rpartition(".")[0]
     ports = [frame for frame in frames if frame.rpartition(".")[0] == name]
-    domain = flat.domains.get(name)
+    domain = flat.domains.get(name) if name in flat.expanded.junctions else None
     if domain is not None:
         message, hint = f"'{name}' is a node of the domain {domain.name}; a point in space is one of the domain spatial", \
-            f"Nodes: {listing(frame for frame in frames if frame in flat.domains)}."
+            f"Nodes: {listing(nodes)}."
     elif ports:
         message, hint = f"'{name}' is a part; a point in space is a node or a port", f"Write {listing(ports, 4)}."
     else:
-        nodes = [frame for frame in frames if frame in flat.domains]
         message, hint = f"no node or port of the domain spatial is called '{name}'", \
-            suggest(name, nodes) or suggest(name, frames) or f"Nodes: {listing(nodes)}."
+            (f"Write `{owner}`." if owner in frames else
+             suggest(name, nodes) or suggest(name, frames) or f"Nodes: {listing(nodes)}.")
     problems.add("view-frame", message, point.place, hint=hint)
 
 
@@ -143,7 +151,7 @@ def _elements(shape: ViewShape, key: str, part: tuple[Formula, ...], assembly: A
         return name if is_known(name) else next(filter(is_known, (member, f"{name}[{k + 1}]")), name)
 
     elements = tuple(renamed(formula, lambda name, k=k: element(name, k)) for k in range(3))  # type: ignore[misc]
-    if len({e.text for e in elements}) == 1:
+    if len({e.text for e in elements}) == 1 and all(is_known(name.text) for name in names(formula.tree)):
         problems.add("view-triple", f"`{key}` of '{shape.name}' is three values", formula.place,
                      hint=f"Write for example `{key}: {EXAMPLES[key]}`"
                           f"{', or the vector of a port, `-rope.b.F`' if key == 'vector' else ''}.")
@@ -175,6 +183,8 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
         if "vector" in values:
             values["vector"] = np.where(np.isfinite(values["vector"]), values["vector"], 0.0)
         placed[name] = {**values, "turn": turn}
+    if not any(key in c and len(c[key]) == 3 for c in placed.values() for key in POINTS):
+        raise UsageError([Problem("view-empty", "a view of levels alone has no width", None, "Add a box.")])
     points = np.concatenate([c[key] for c in placed.values() for key in POINTS if key in c and len(c[key]) == 3], axis=1)
     low, high = points.min(axis=1), points.max(axis=1)
     extent = float(np.max(high - low)) or max((float(c["size"].max()) for c in placed.values() if "size" in c), default=1.0)
@@ -182,19 +192,20 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
     for name, shape in view.items():
         if shape.kind != "camera":
             course = _completed(shape.kind, placed[name], extent, n)
-            solids.append(Solid(name, shape.kind, shape.colour, shape.label, course))
+            faces = None if shape.file is None else _mesh(shape.file, shape)
+            solids.append(Solid(name, shape.kind, shape.colour, shape.label, course, faces))
     low, high = _bounds(solids)
     middle, reach = (low + high) / 2, float(np.max((high - low)[:2], initial=0.5 * float(np.max(high - low))))
     for solid in solids:
         if solid.kind == "level":
             height = solid.courses["at"][0]
             solid.courses.update(at=np.array([np.full(n, middle[0]), np.full(n, middle[1]), height]),
-                                 size=np.array([np.full(n, BEYOND * reach), np.full(n, BEYOND * reach), np.zeros(n)]))
+                                 size=np.array([np.full(n, SEA * reach), np.full(n, SEA * reach), np.zeros(n)]))
     if ground:
         at = np.repeat([[middle[0]], [middle[1]], [low[2]]], n, axis=1)
         size = np.repeat([[BEYOND * reach], [BEYOND * reach], [0.0]], n, axis=1)
         solids.insert(0, Solid("ground", "ground", "rock", "", {"at": at, "size": size}))
-    low, high = _bounds(solids)
+    low, high = _bounds([solid for solid in solids if solid.kind != "level"] or solids)
     camera = next((c for name, c in placed.items() if view[name].kind == "camera"), {})
     angles = tuple(float(camera[key][0, 0]) if key in camera else usual
                    for key, usual in zip(("azimuth", "elevation"), CAMERA, strict=True))
@@ -213,7 +224,7 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
     if kind == "arrow":
         largest = float(np.max(np.linalg.norm(course["vector"], axis=0)))
         scale = course.get("scale", np.full((1, n), largest / (LONGEST * extent) or 1.0))
-        return {"from": course["at"], "to": course["at"] + course["vector"] / scale, "width": thick}
+        return {"from": course["at"], "to": course["at"] + course["vector"] / scale, "width": 0.6 * thick}
     if kind == "trace":
         return {"at": course["at"], "duration": course.get("duration", np.full((1, n), 0.0))}
     if kind == "ground":
@@ -227,6 +238,8 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
         turn = product(turn, to_axis(course["axis"]))
     if kind == "box":
         size = course["size"]
+    elif kind == "mesh":
+        size = np.repeat(course.get("unit", np.ones((1, n))), 3, axis=0)
     elif kind == "sphere":
         size = np.repeat(course.get("diameter", 1.6 * thick), 3, axis=0)
     else:
@@ -235,11 +248,41 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
     return {"at": course["at"], "turn": turn, "size": np.maximum(size, 1e-6 * extent)}
 
 
+def _mesh(file: Path, shape: ViewShape) -> tuple[Array, Array]:
+    """The corners and the triangles of a file; UsageError if it cannot be read."""
+    if file.suffix.lower() not in MESHES:
+        raise UsageError([Problem("file-suffix", f"'{file.name}' is not a mesh", shape.place,
+                                  f"Give a file that ends in {' or '.join(MESHES)}.")])
+    if not file.is_file():
+        raise UsageError([Problem("file-missing", f"there is no file '{file}'", shape.place,
+                                  "The path is relative to the folder of the diagram.")])
+    try:
+        import trimesh
+    except ImportError:
+        raise UsageError([Problem("trimesh-missing", "reading a mesh needs trimesh, which is not installed", shape.place,
+                                  "pip install 'heavebond[mesh]', or draw a box.")]) from None
+    try:
+        mesh = trimesh.load_mesh(file, process=False, skip_materials=True)
+        corners, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
+    except Exception as error:  # a loader raises whatever it meets in a damaged file
+        raise UsageError([Problem("mesh-unreadable", f"'{file.name}' cannot be read: {error}", shape.place)]) from None
+    if not len(triangles) or not np.isfinite(corners).all():
+        raise UsageError([Problem("mesh-unreadable", f"'{file.name}' contains no triangles", shape.place)])
+    if len(triangles) > MOST_TRIANGLES:
+        raise UsageError([Problem("mesh-large", f"'{file.name}' has {len(triangles)} triangles; a page has room for "
+                                  f"{MOST_TRIANGLES}", shape.place, "Simplify the mesh in the program that wrote it.")])
+    return corners, triangles
+
+
 def _bounds(solids: list[Solid]) -> tuple[Array, Array]:
     """The lowest and the highest x, y and z (3,) of all solids over the run."""
     lows, highs = [], []
     for solid in solids:
         c = solid.courses
+        if solid.faces is not None:
+            half = float(np.max(np.linalg.norm(solid.faces[0], axis=1))) * c["size"]
+            lows, highs = [*lows, (c["at"] - half).min(axis=1)], [*highs, (c["at"] + half).max(axis=1)]
+            continue
         if solid.kind in SOLIDS:
             axes = [np.abs(rotated(c["turn"], np.repeat(np.eye(3)[:, [k]], c["at"].shape[1], axis=1))) for k in range(3)]
             half = sum((axis * size for axis, size in zip(axes, c["size"], strict=True)), np.zeros((3, 1))) / 2

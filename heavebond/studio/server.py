@@ -39,7 +39,8 @@ class Studio:
         self.command_line = command_line  # the table of commands as `module:name`; without it the studio offers none
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
         # the files of the page by their names, read once; no other files are served
-        contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
+        files = resources.files("heavebond")
+        contents, folders = {}, [("", files.joinpath("studio", "page")), ("space/", files.joinpath("web", "space"))]
         for prefix, directory in folders:
             for entry in directory.iterdir():
                 if entry.is_dir():

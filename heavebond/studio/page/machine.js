@@ -14,6 +14,7 @@ export class Machine {
     /** @type {any} */ this.film = null; // what `heavebond animate` shows, of the run `of`
     /** @type {any} */ this.of = null;
     /** @type {any[]} */ this.shapes = [];
+    /** @type {any} */ this.scene = null; // of a machine in space
   }
 
   /** @param {boolean} on */
@@ -42,7 +43,8 @@ export class Machine {
       const told = await link.ask("film", { name: file.name, text: live.text, values: live.values });
       if (told.kind !== "done" || this.of !== live) return;
       this.film = told.film;
-      this.build();
+      if (this.film.solids) await this.buildInSpace();
+      else this.build();
       this.at(this.studio.animation.time);
     } catch (error) {
       this.film = null;
@@ -52,12 +54,29 @@ export class Machine {
 
   clear() {
     this.film = this.of = null;
+    this.scene?.dispose();
+    this.scene = null;
     this.place.replaceChildren();
     this.layout();
   }
 
+  /** A machine in space, with the camera of the one before it if its shapes are the same. */
+  async buildInSpace() {
+    await script("space/three.js");
+    await script("space/scene.js");
+    const before = this.scene, stage = el("div", { class: "stage" }), tools = el("div", { class: "choices", role: "group", "aria-label": "camera and picture" });
+    this.place.replaceChildren(stage, tools);
+    this.scene = new (/** @type {any} */ (window)).SpaceScene(stage, tools, this.film);
+    if (before) {
+      this.scene.lookAs(before);
+      before.dispose();
+    }
+  }
+
   /** y goes upwards in m, that of the picture downwards. */
   build() {
+    this.scene?.dispose();
+    this.scene = null;
     const [left, bottom, right, top] = this.film.edges;
     const make = (/** @type {Element} */ parent, /** @type {string} */ tag, /** @type {Record<string, any>} */ given, text = "") => {
       const made = document.createElementNS(SVG, tag);
@@ -81,6 +100,10 @@ export class Machine {
     if (this.place.hidden || !this.film) return;
     const [begin, end, frames] = this.film.times, far = (time - begin) / (end - begin || 1) * (frames - 1);
     const frame = Math.max(0, Math.min(frames - 1, far)), k = Math.min(Math.floor(frame), Math.max(0, frames - 2)), part = frame - k;
+    if (this.film.solids) {
+      this.scene?.show(frame);
+      return;
+    }
     const along = (/** @type {number[]} */ c) => c[k] + part * ((c[k + 1] ?? c[k]) - c[k]);
     const follow = (/** @type {any} */ course) => typeof course === "number" ? course : course[1] + along(this.film.tracks[course[0]]);
     for (const { shape, paths, label } of this.shapes) {
@@ -101,4 +124,21 @@ export class Machine {
     label.setAttribute("x", room ? (x + u) / 2 : across ? this.film.edges[2] - letter / 2 : Math.max(x, u) + (steep ? width / 2 : 0) + letter / 2);
     label.setAttribute("y", ground ? -y + width / 2 + 0.35 * letter : across ? -y - letter / 3 : -(y + v) / 2 + 0.35 * letter);
   }
+}
+
+/** @type {Map<string, Promise<void>>} */
+const LOADED = new Map();
+
+/** Load a script that is no module, once. @param {string} address */
+function script(address) {
+  if (!LOADED.has(address)) {
+    LOADED.set(address, new Promise((done, failed) => {
+      const tag = document.createElement("script");
+      tag.src = address;
+      tag.onload = () => done();
+      tag.onerror = () => { LOADED.delete(address); failed(new Error(`${address} cannot be loaded`)); };
+      document.head.append(tag);
+    }));
+  }
+  return LOADED.get(address);
 }

@@ -170,7 +170,7 @@
           group.position.set(...get("at"));
           group.scale.set(width, depth, 1);
         } else {
-          this.bar(found, new THREE.Vector3(...get("from")), new THREE.Vector3(...get("to")), get("width")[0], get("length")[0]);
+          this.bar(found, new THREE.Vector3(...get("from")), new THREE.Vector3(...get("to")), get("width")[0], solid.courses.length ? get("length")[0] : 0);
         }
       }
       const after = this.centre(this.followed);
@@ -242,10 +242,16 @@
       const back = new THREE.Vector3(Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation));
       const right = new THREE.Vector3(-Math.sin(azimuth), Math.cos(azimuth), 0), up = back.clone().cross(right);
       const middle = this.low.clone().add(this.high).multiplyScalar(0.5), high = Math.tan(FIELD * Math.PI / 360), wide = high * this.camera.aspect;
-      let far = 0; // so far away that all corners of the box around the machine are in the picture
-      for (let i = 0; i < 8; i++) {
-        const corner = new THREE.Vector3(...["x", "y", "z"].map((axis, k) => (i >> k & 1 ? this.high : this.low)[axis])).sub(middle);
-        far = Math.max(far, corner.dot(back) + 1.06 * Math.max(Math.abs(corner.dot(right)) / wide, Math.abs(corner.dot(up)) / high));
+      // so far away that all corners of the box around the machine are in the picture, with their middle in its middle
+      const corners = [0, 1, 2, 3, 4, 5, 6, 7].map(i => new THREE.Vector3(...["x", "y", "z"].map((axis, k) => (i >> k & 1 ? this.high : this.low)[axis])));
+      let far = 0;
+      for (let round = 0; round < 4; round++) {
+        const off = corners.map(corner => corner.clone().sub(middle));
+        far = Math.max(...off.map(p => p.dot(back) + 1.06 * Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high)));
+        for (const axis of [right, up]) {
+          const seen = off.map(p => p.dot(axis) / (far - p.dot(back)));
+          middle.addScaledVector(axis, far * (Math.max(...seen) + Math.min(...seen)) / 2);
+        }
       }
       this.controls.target.copy(middle);
       this.camera.position.copy(middle).addScaledVector(back, far || radius);
@@ -254,6 +260,18 @@
       this.camera.updateProjectionMatrix();
       this.controls.update();
       this.draw();
+    }
+
+    /** The camera, the followed body and the hidden arrows and traces of another scene of the same machine. */
+    lookAs(other) {
+      if (!this.renderer || !other.renderer) return;
+      this.controls.target.copy(other.controls.target);
+      this.camera.position.copy(other.camera.position);
+      this.controls.update();
+      const [select] = this.tools.getElementsByTagName("select");
+      select.value = other.followed;
+      this.followed = select.value; // empty if there is no such body
+      for (const kind of other.hidden) this.tools.querySelector(`[data-kind=${kind}]`)?.click();
     }
 
     key(event) {
@@ -306,7 +324,7 @@
         element("option", { value: "" }, "fixed camera"), ...named.map(solid => element("option", { value: solid.name }, `follow ${solid.label || solid.name}`)));
       const box = (kind, text) => {
         if (!this.solids.some(({ solid }) => solid.kind === kind)) return [];
-        const input = element("input", { type: "checkbox", onchange: () => this.reveal(kind, input.checked) });
+        const input = element("input", { type: "checkbox", "data-kind": kind, onchange: () => this.reveal(kind, input.checked) });
         input.checked = true;
         return [element("label", {}, input, ` ${text}`)];
       };
