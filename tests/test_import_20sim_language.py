@@ -563,3 +563,43 @@ def test_placeholders_have_an_exit_code(tmp_path: Path, monkeypatch: pytest.Monk
         + part("Use", "signal in p; signal out y", "equations\n y = 2*p;"), "Gas\\p -> Use\\p;")
     for words in (["import", "m.emx"], ["check", "m/m.yaml"], ["run", "m/m.yaml"]):
         assert CliRunner().invoke(main, words).exit_code == 3
+
+
+def test_submodels_of_other_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A submodel without an implementation has that of its type in a library, with its comments; a construct without a
+    translation is at the line of the submodel and names the line of the library."""
+    monkeypatch.chdir(tmp_path)
+    lag = part("Lag", "signal in u; signal out y", "parameters\n real T = 0.2 {s};\nequations\n y = int ((u - y)/T, 0.5);")
+    empty = re.sub(r"implementation eq.*?implementation_end;", "", lag.replace("Lag 0 0", "First 0 0"), flags=re.DOTALL)
+    source = part("Source", "signal out y", "equations\n y = 2 + 0*time;")
+    emx(tmp_path / "m.emx", source + empty, "Source\\y -> First\\u;")
+    Path("shared").mkdir()
+    emx(tmp_path / "shared" / "blocks.emx", part("Other", "signal out y", "equations\n y = 3;") + lag.replace(
+        "0.5);", "0.5);\t// the lag"), "")
+    assert CliRunner().invoke(main, ["import", "m.emx"]).exit_code == 3
+    strict = CliRunner().invoke(main, ["import", "m.emx", "-o", "strict", "--strict"])
+    assert (strict.exit_code, Path("strict").exists()) == (1, False) and "First: it has no implementation" in strict.stderr
+    assert CliRunner().invoke(main, ["import", "m.emx", "--library", "shared", "--strict"]).exit_code == 0
+    run = hb.simulate(hb.load("m/m.yaml"), until=1)
+    assert run["First.y"] == pytest.approx(2 - 1.5*np.exp(-run.time/0.2), abs=1e-6)
+    path = tmp_path / "shared" / "blocks.emx"
+    path.write_text(path.read_text().replace("y = int ((u - y)/T, 0.5)", "y = dll ('gas.dll', 'f', u)"))
+    answer = CliRunner().invoke(main, ["import", "m.emx", "--library", str(path)])
+    assert answer.exit_code == 3 and re.search(r"m\.emx:\d+: First: .*\(blocks\.emx:\d+\)", answer.stdout)
+    assert re.search(r'placeholder: "blocks\.emx line \d\d: ', Path("m/components/lag.yaml").read_text())
+    missing = CliRunner().invoke(main, ["import", "m.emx", "--library", "nowhere"])
+    assert missing.exit_code == 2 and "cannot find 20-sim models at 'nowhere'" in missing.stderr
+
+
+def test_names_and_samplers_stay_those_of_the_model(tmp_path: Path) -> None:
+    """`Sample` is no Gain of 1, an effect of the library is no part, and a name that the library has is marked."""
+    parts = part("Source", "signal out y", "equations\n y = sin (time);") + \
+        part("Sample", "signal in input; signal out output", "equations\n output = sample (input);") + \
+        part("Twice", "signal in u; signal out y", "code\n y = 2*u;") + \
+        part("Hold", "signal in input; signal out output", "equations\n output = hold (input);") + \
+        part("Tank", "signal in u; signal out y", "equations\n y = u^2 + time;")
+    emx(tmp_path / "m.emx", parts, "Source\\y -> Sample\\input; Sample\\output -> Twice\\u; Twice\\y -> Hold\\input; "
+        "Hold\\output -> Tank\\u;")
+    files = import_emx(tmp_path / "m.emx", frozenset(library().names())).files
+    assert re.findall(r"^  (\w+): +\{is: (\w+)", files["m.yaml"], re.MULTILINE) == [
+        ("Source", "Source"), ("Sample", "Sample"), ("Twice", "Twice"), ("Hold", "Hold"), ("Tank", "Tank20sim")]

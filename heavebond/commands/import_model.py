@@ -17,10 +17,12 @@ from heavebond.commands.arguments import json_option, settings_of
               help="C source in place of the function NAME of a compiled library (dll). May be repeated.")
 @click.option("--globals", "global_files", metavar="FILE.emx", multiple=True, type=click.Path(path_type=Path),
               help="Another 20-sim model whose global parameters this one uses. May be repeated.")
+@click.option("--library", "libraries", metavar="FILE.emx", multiple=True, type=click.Path(path_type=Path),
+              help="A 20-sim model, or a folder of models, with submodels that this one only names. May be repeated.")
 @click.option("--strict", is_flag=True, help="Write nothing if a submodel has no law after the translation.")
 @json_option
-def import_model(file: Path, output: Path | None, functions: tuple[str, ...], global_files: tuple[Path, ...], strict: bool
-                 ) -> dict[str, object]:
+def import_model(file: Path, output: Path | None, functions: tuple[str, ...], global_files: tuple[Path, ...],
+                 libraries: tuple[Path, ...], strict: bool) -> dict[str, object]:
     """Translate the 20-sim model (.emx) or the robot (.urdf) FILE into a folder with a diagram and component files.
 
     Elements that cannot be translated are listed with submodel and line; a submodel with such elements becomes a placeholder
@@ -32,7 +34,7 @@ def import_model(file: Path, output: Path | None, functions: tuple[str, ...], gl
 
     with terminal.working("translating"):
         imported = models.import_model(file, output or "", functions=settings_of("--function", functions),
-                                       global_files=global_files, strict=strict)
+                                       global_files=global_files, libraries=libraries, strict=strict)
     written = imported.files
     console = terminal.output()
     components = f" and {len(written) - 1} components" if file.suffix.lower() == ".emx" else ""

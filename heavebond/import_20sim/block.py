@@ -58,11 +58,14 @@ class Block:
         return (port or name) in items and items[port or name].kind == "bond"
 
 
+OWN = "20sim"  # suffix of a name that a component of the library has
+
+
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
     """The name of the component for a submodel: its type, or its name if the type is general or taken."""
     kind = camel(submodel.type)
     name = camel(submodel.name) if kind in GENERIC or kind in library or not submodel.type else kind
-    return f"Own{name}" if name in library else name
+    return f"{name}{OWN}" if name in library else name
 
 
 def _unused(base: str, used_names: Collection[str]) -> str:

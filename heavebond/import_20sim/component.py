@@ -65,6 +65,7 @@ class Component:
     junction: tuple[Ends, tuple[str, ...]] | None = None  # for a 1-junction: its bonds, and the outputs that are its flow
     sampled_values: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables, at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last rounding of a quantity by another: its result and both names
+    samples: bool = False  # it calls `sample`: a part of the discrete system, also if its value is that of its input
     tables: dict[str, Table | Grid] = field(default_factory=dict)  # lists by the beginnings of their names
 
     def of_kind(self, *kinds: str) -> list[Item]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from heavebond.core.errors import ModelError, Place, Problem, UsageError, listin
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
 from heavebond.import_20sim import formula_text as f
-from heavebond.import_20sim.block import Block, Part, Translator
+from heavebond.import_20sim.block import OWN, Block, Part, Translator
 from heavebond.import_20sim.choices import OPPOSITE, names, rebuilt
 from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
@@ -42,6 +43,7 @@ NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
 USUAL_DURATION = 10.0  # duration in s, for a run of 20-sim whose file gives none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
+LIBRARY_LINES = 10_000_000  # more than the lines of a file, so that a line belongs to one file
 READ = 2000  # characters at the beginning of a component file that contain its summary
 INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # index of the argument that is a time
 Rows = list[set[str]]  # the unknowns of each equation
@@ -49,11 +51,13 @@ Rows = list[set[str]]  # the unknowns of each equation
 
 @dataclass(frozen=True)
 class Untranslated:
-    """A construct that has no translation: submodel, line of the .emx file, reason."""
+    """A construct that has no translation: submodel, line of the .emx file, reason; `lawless` if the submodel is a
+    placeholder because of it."""
 
     submodel: str
     line: int
     reason: str
+    lawless: bool = False
 
 
 @dataclass
@@ -81,8 +85,10 @@ class Imported:
         return [folder / name for name in self.files]
 
 
-def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: Iterable[str | Path]) -> Imported:
-    """Translate a file with C sources of functions; raises UsageError for wrong sources, ModelError for a wrong file."""
+def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: Iterable[str | Path] = (),
+                 libraries: Iterable[str | Path] = ()) -> Imported:
+    """Translate a file with C sources of functions, files with global parameters, and files or folders with submodels that
+    the file only names; raises UsageError for wrong sources, ModelError for a wrong file."""
     sources = {name.lower(): Path(source) for name, source in functions.items()}
     for name, source in sources.items():
         if source.suffix != ".c" or not source.is_file():
@@ -90,7 +96,7 @@ def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: 
                                       "Give the path of its file, `--function NAME=FILE.c`.")])
     programs = Programs(sources)
     imported = import_emx(file, frozenset(known_library().names()), programs,
-                          [Path(global_file) for global_file in global_files])
+                          [Path(global_file) for global_file in global_files], [Path(source) for source in libraries])
     if unused := [name for name in sources if name not in {function.lower() for function, *_ in programs.called.values()}]:
         calls = [function for function, *_ in programs.called.values()] + [*programs.without]
         raise UsageError([Problem("import-function", f"the model does not call a function '{unused[0]}' of a library", None,
@@ -99,7 +105,7 @@ def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: 
 
 
 def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Programs | None = None,
-               global_files: Iterable[Path] = ()) -> Imported:
+               global_files: Iterable[Path] = (), libraries: Iterable[Path] = ()) -> Imported:
     """Translate a file; `library` contains the component names that the result must not use. Raises ModelError."""
     emx, programs = read_emx(path), programs or Programs()
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
@@ -109,9 +115,10 @@ def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Prog
         root = Submodel("model", root.line, submodels=[root])
     for global_file in global_files:
         _enter_globals(root, global_file)
+    comments = dict(tokenise(emx.sidops, path.name, emx.first_line).comments)
+    origins = _enter_implementations(root, libraries, comments)
     if emx.start:
         shift_time(root, emx.start)
-    comments = tokenise(emx.sidops, path.name, emx.first_line).comments
     translator = Translator(emx, comments, library, sampling(root, emx.sample_times), programs)
     translator.enter_texts(root)
     translator.enter_constants(root)
@@ -122,7 +129,66 @@ def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Prog
     translator.finish()
     imported = _Writer(emx, translator, top, library).imported()
     imported.files.update(programs.files())
+    imported.untranslated = [_located(item, origins) for item in imported.untranslated]
+    if origins:  # the lines of other files in the reasons of placeholders
+        imported.files = {name: re.sub(r"\bline ([0-9]{8,})\b", lambda m: (
+            f"{origins[int(m[1]) // LIBRARY_LINES - 1][0]} line {int(m[1]) % LIBRARY_LINES}"), text)
+            for name, text in imported.files.items()}
     return imported
+
+
+def _enter_implementations(root: Submodel, libraries: Iterable[Path], comments: dict[int, str]) -> list[tuple[str, int]]:
+    """Give submodels without an implementation that of the submodel with the same type, or else name, in other files, and
+    enter the comments of these files; the lines of the k-th one are counted from k * `LIBRARY_LINES`. Returns the name of
+    each file, and the line of the first submodel in the model that has an implementation of it."""
+    files: list[Path] = []
+    for source in libraries:
+        found = sorted(source.glob("*.emx")) if source.is_dir() else [source]
+        if not found or not all(path.suffix.lower() == ".emx" and path.is_file() for path in found):
+            raise UsageError([Problem("import-library", f"cannot find 20-sim models at '{source}'", None,
+                                      "Name an .emx file that contains the submodels, or a folder of such files.")])
+        files += found
+    implemented: dict[str, tuple[Submodel, int]] = {}
+    origins: list[tuple[str, int]] = []
+    for k, path in enumerate(files, 1):
+        emx = read_emx(path)
+        first = k * LIBRARY_LINES + emx.first_line
+        waiting = [parse_sidops(emx.sidops, path.name, first)]
+        comments.update(tokenise(emx.sidops, path.name, first).comments)
+        origins.append((path.name, 0))
+        if waiting[0].ports:  # the whole file is a submodel
+            implemented.setdefault(identifier(path.stem).lower(), (waiting[0], k))
+        while waiting:
+            submodel = waiting.pop(0)
+            waiting += submodel.submodels
+            if submodel.equations is not None or submodel.submodels:
+                for name in (submodel.type, submodel.name):
+                    if name and name not in ("Mainmodel", "model"):
+                        implemented.setdefault(identifier(name).lower(), (submodel, k))
+    chain = [(part, frozenset[int]()) for part in root.submodels]
+    while chain and implemented:
+        part, above = chain.pop()
+        if part.equations is None and not part.submodels:
+            match = next((implemented[key] for name in (part.type, part.name)
+                          if (key := identifier(name).lower()) in implemented), None)
+            if match is not None and id(match[0]) not in above:
+                submodel, k = match
+                origins[k - 1] = (origins[k - 1][0], origins[k - 1][1] or part.line)
+                copy = deepcopy(submodel)
+                named = {item.name: item for item in part.parameters if item.value is not None}
+                part.ports, part.knot = part.ports or copy.ports, copy.knot
+                part.equations, part.submodels, part.connections = copy.equations, copy.submodels, copy.connections
+                part.relations, part.comments, part.variables = copy.relations, copy.comments, copy.variables
+                part.parameters = [named.get(item.name, item) for item in copy.parameters]
+                above = above | {id(submodel)}
+        chain += [(inner, above) for inner in part.submodels]
+    return origins
+
+
+def _located(item: Untranslated, origins: list[tuple[str, int]]) -> Untranslated:
+    """An untranslated construct of another file at the line of the model that uses it."""
+    k, line = divmod(item.line, LIBRARY_LINES)
+    return item if not k else replace(item, line=origins[k - 1][1], reason=f"{item.reason} ({origins[k - 1][0]}:{line})")
 
 
 def _enter_globals(root: Submodel, path: Path) -> None:
@@ -171,7 +237,8 @@ class _Writer:
         self._shared()
         everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
         for path, component in everything:
-            self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
+            lawless = isinstance(component, Component)
+            self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why, lawless)
                                          for line, why in component.untranslated]
             if isinstance(component, Component):
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in component.omitted]
@@ -368,25 +435,29 @@ class _Writer:
             if isinstance(content, Block):
                 self._place(content)
                 parts = parts_text(content, self.names, self._part_values(content), *_origin(content))
-                name, new = self._kind(content, block_text(content, "", parts))
+                name, new = self._kind(content, block_text(content, "", parts), block)
                 text = block_text(content, name, parts) if new else ""
             elif id(content) in self.matches:
                 self.names[id(content)] = self.matches[id(content)].name
                 continue
             else:
-                name, new = self._kind(content, component_text(content, "", defaults=False))
+                name, new = self._kind(content, component_text(content, "", defaults=False), block)
                 self.defaults[id(content)] = self.kinds.setdefault(name, content)
                 text = component_text(content, name) if new else ""
             if new:
                 self.result.files[f"components/{snake(name)}.yaml"] = text
 
-    def _kind(self, content: Component | Block, common: str) -> tuple[str, bool]:
-        """The name of the file for a submodel, and True if it is new: submodels of one type, or with names that differ by
-        a number, and with the same text except for parameter values are parts of one kind."""
-        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", content.name), common)
+    def _kind(self, content: Component | Block, common: str, within: Block) -> tuple[str, bool]:
+        """The name of the file for a submodel of a block, and True if it is new: submodels of one type, or with names that
+        differ by a number, and with the same text except for parameter values are parts of one kind. If another kind has
+        the name, that of the block is put before it."""
+        key = (re.sub(rf"{OWN}$|(?<=[A-Za-z])[0-9]+$", "", content.name), common)
         new = key not in self.texts
         if new:
             name, k = content.name, 1
+            qualified = f"{within.name.removesuffix(OWN)}{content.name.removesuffix(OWN)}"
+            if name.lower() in self.file_names and within is not self.top and qualified not in self.library:
+                name = content.name = qualified
             while name.lower() in self.file_names:
                 k, name = k + 1, f"{content.name}{k + 1}"
             self.file_names.add(name.lower())

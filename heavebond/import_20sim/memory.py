@@ -147,6 +147,7 @@ class Memory:
         value, first = args[0], args[1] if len(args) > 1 else f.number(0)
         period = self.sample_time()
         if kind == "sample":
+            self.component.samples = True
             return value
         if kind == "dint":
             doc = "sum of the samples before times the sample time"

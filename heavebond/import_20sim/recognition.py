@@ -277,7 +277,8 @@ def _imported(component: Component, joined: set[str]) -> Law | None:
 
 @lru_cache(maxsize=1)
 def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
-    """The components of the library with ports of any domain and signals of any unit that consist of a law only."""
+    """The components of the library with ports of any domain and signals of any unit that consist of a law only, without
+    the errors of sensors."""
     candidates = []
     for name in sorted(set(library().names()) - FOR_FILES):
         try:
@@ -287,6 +288,7 @@ def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
         counts = [*(p.count for p in component.ports.values()), *(p.count for p in component.parameters.values()),
                   *(v.count for v in component.variables.values())]
         if component.when or component.body.instances or component.foreign or component.placeholder or \
+                (component.effect is not None and component.effect.kind.startswith("sensor")) or \
                 not component.equations or any(count is not None for count in counts) or \
                 any(e.each for e in component.equations) or \
                 any(p.domain not in ("bond", "$D") for p in component.ports.values()) or \
@@ -313,6 +315,8 @@ def _unit(text: str) -> str:
 # -- the comparison --------------------------------------------------------------------------------------------------------
 def recognised(imported: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
+    if imported.samples:
+        return None
     if (whole := table_match(imported) or linear_match(imported, joined) or _delay(imported) or
             _junction(imported, joined)) is not None:
         return whole

@@ -38,30 +38,33 @@ class ImportedModel:
 
 
 def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
-                 global_files: Iterable[str | Path] = (), strict: bool = False) -> ImportedModel:
+                 global_files: Iterable[str | Path] = (), libraries: Iterable[str | Path] = (), strict: bool = False
+                 ) -> ImportedModel:
     """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files, in a `folder`, by default
     named after the model.
 
     `file` is the path of the model; nothing in it is executed. `functions` are C sources that replace functions of compiled
-    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses; both are
-    for 20-sim models. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
+    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses;
+    `libraries` .emx files, or folders of them, with submodels that the model only names; all of these are for 20-sim
+    models. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
     reads the diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
     """
-    file, global_files = Path(file), list(global_files)
+    file, global_files, libraries = Path(file), list(global_files), list(libraries)
     suffix = file.suffix.lower()
     if suffix not in (".emx", ".urdf"):
         raise UsageError([Problem("import-suffix", f"'{file}' is not a model that can be imported", None,
                                   CONVERT.get(suffix, WANTED).format(file.name, file.name.partition(".")[0]))])
     if not file.is_file():
         raise UsageError([Problem("file", f"cannot find the file '{file}'")])
-    if suffix == ".urdf" and (functions or global_files):
-        raise UsageError([Problem("import-option", "C sources and global parameters belong to 20-sim models", None,
-                                  "Leave out --function and --globals for a .urdf file.")])
-    imported = import_urdf(file) if suffix == ".urdf" else import_20sim(file, functions or {}, global_files)
+    if suffix == ".urdf" and (functions or global_files or libraries):
+        raise UsageError([Problem("import-option", "C sources, global parameters and libraries belong to 20-sim models",
+                                  None, "Leave out --function, --globals and --library for a .urdf file.")])
+    imported = import_urdf(file) if suffix == ".urdf" else import_20sim(file, functions or {}, global_files, libraries)
     placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))
     if strict and placeholders:
         raise ModelError([Problem("import-incomplete", f"{u.submodel}: {u.reason}", Place(file.name, u.line),
-                                  "Without --strict the rest of the model is translated.") for u in imported.untranslated])
+                                  "Without --strict the rest of the model is translated.")
+                          for u in imported.untranslated if u.lawless])
     target = Path(folder) if str(folder) else Path(imported.name)
     left_over, written = imported.left_over(target), imported.write(target)
     return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over), placeholders)
