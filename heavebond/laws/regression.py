@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -188,9 +189,10 @@ class PlaceRegression:
     def columns(self, part: Part, shapes: Sequence[Sequence[float]]) -> Array:
         """The responses to the terms of a part, without their projection on the parameters (n, len(shapes) * terms)."""
         fixed = self.fixed(part)
-        responses = np.concatenate([record.responses(part, shapes, fixed) for record in self.records])
-        whole = np.concatenate([responses, np.zeros((len(self.mean), responses.shape[1]))])
-        return np.asarray(whole - self.basis @ (self.basis.T @ whole))
+        responses = [record.responses(part, shapes, fixed) for record in self.records]
+        whole = np.concatenate([*responses, np.zeros((len(self.mean), responses[0].shape[1]))])
+        whole -= self.basis @ (self.basis.T @ whole)
+        return whole
 
     def motion(self, part: Part, shape: Shape) -> Motion:
         """The motion of the variable in whose unit a shape parameter is."""
@@ -282,42 +284,41 @@ def parts_of(variables: Sequence[Variable]) -> Iterator[Part]:
 
 
 class _Grid:
-    """The columns (n, ...) of every part at every value of its shape on the grid."""
+    """The columns C (n, m) of every part at every value of its shape on the grid, with length 1 or, without influence on the
+    records, 0: `squares` (m,). `towards` (m,) are their scalar products with the target. `groups` are the parts with their
+    values and columns; `grams` the scalar products of the columns of those with several terms."""
 
     def __init__(self, problem: PlaceRegression):
-        self.problem, self.groups = problem, list[tuple[Part, slice]]()
-        blocks, begin = [], 0
-        for part in parts_of(problem.variables):
-            tried: list[tuple[float, ...]] = [()]
-            for shape in part.form.shapes:
-                tried = [(float(v),) for v in shape.tried(problem.motion(part, shape)) if v]
-            block = problem.columns(part, tried)
-            each = len(part.form.terms)
-            for k, chosen in enumerate(tried):
-                if np.all(np.isfinite(block[:, k * each:(k + 1) * each])):
-                    self.groups.append((replace(part, shapes=chosen), slice(begin + k * each, begin + (k + 1) * each)))
-            blocks.append(block)
-            begin += block.shape[1]
+        self.problem, self.groups, self.grams = problem, list[tuple[Part, slice]](), dict[int, Array]()
+        tried = [(part, list(product(*([float(v) for v in shape.tried(problem.motion(part, shape)) if v]
+                                       for shape in part.form.shapes)))) for part in parts_of(problem.variables)]
+        count = sum(len(shapes) * len(part.form.terms) for part, shapes in tried)
+        most = max(len(part.form.terms) for part, _ in tried)
         # columns are added behind those of the grid
-        self._store = np.empty((len(problem.target), begin + SINGLES * max(len(p.form.terms) for p, _ in self.groups)),
-                               order="F")
-        self.C = self._store[:, :begin]
-        np.concatenate(blocks, axis=1, out=self.C)
-        size = np.linalg.norm(self.C, axis=0)
-        self.C /= np.where((size > 0) & np.isfinite(size), size, 1.0)
-        self.towards = self.C.T @ problem.target
-        self.grams = [self.C[:, where].T @ self.C[:, where] for _, where in self.groups]
+        self._store = np.empty((len(problem.target), count + SINGLES * most), order="F")
+        self.C, self.squares, self.towards = self._store[:, :0], np.zeros(0), np.zeros(0)
+        for part, shapes in tried:
+            self._join(part, shapes, problem.columns(part, shapes))
+
+    def _join(self, part: Part, shapes: Sequence[tuple[float, ...]], block: Array) -> None:
+        """Add the columns of a part at several values of its shape."""
+        finite, size = np.isfinite(block).all(axis=0), np.linalg.norm(block, axis=0)
+        block /= np.where((size > 0) & np.isfinite(size), size, 1.0)
+        begin, each = self.C.shape[1], len(part.form.terms)
+        self.C = self._store[:, :begin + block.shape[1]]
+        self.C[:, begin:] = block
+        self.squares = np.concatenate([self.squares, (size > 0).astype(float)])
+        self.towards = np.concatenate([self.towards, block.T @ self.problem.target])
+        for k, chosen in enumerate(shapes):
+            own = slice(k * each, (k + 1) * each)
+            if finite[own].all():
+                if each > 1:
+                    self.grams[len(self.groups)] = block[:, own].T @ block[:, own]
+                self.groups.append((replace(part, shapes=chosen), slice(begin + own.start, begin + own.stop)))
 
     def add(self, part: Part) -> int:
         """Add a part with its values; its index."""
-        block = self.problem.columns(part, [part.shapes])
-        block /= np.maximum(np.linalg.norm(block, axis=0), 1e-300)
-        begin = self.C.shape[1]
-        self.C = self._store[:, :begin + block.shape[1]]
-        self.C[:, begin:] = block
-        self.towards = np.concatenate([self.towards, block.T @ self.problem.target])
-        self.grams.append(block.T @ block)
-        self.groups.append((part, slice(begin, self.C.shape[1])))
+        self._join(part, [part.shapes], self.problem.columns(part, [part.shapes]))
         return len(self.groups) - 1
 
     def best(self, known: Sequence[int], number: int) -> list[tuple[int, float]]:
@@ -330,16 +331,17 @@ class _Grid:
             projection, along = Q.T @ self.C, Q.T @ r
             towards, total = towards - projection.T @ along, total - float(along @ along)
         alike = {family for k in known for family in self.groups[k][0].families}
+        squares = self.squares - (projection**2).sum(axis=0)  # without the projection on the columns of known groups
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gains = np.where(squares < INDEPENDENT, -np.inf, towards**2 / squares)
         losses: dict[tuple[str, ...], tuple[float, int]] = {}
         for k, (part, where) in enumerate(self.groups):
-            G = self.grams[k] - projection[:, where].T @ projection[:, where]
-            if np.any(np.diag(G) < INDEPENDENT) or alike & part.families:
-                continue
-            gain = towards[where][0]**2 / G[0, 0] if len(G) == 1 else \
-                towards[where] @ np.linalg.lstsq(G, towards[where], rcond=1e-8)[0]
-            loss = total - float(gain)
-            if loss < losses.get(part.key, (np.inf, 0))[0]:
-                losses[part.key] = (loss, k)
+            gain = float(gains[where.start])
+            if k in self.grams and np.isfinite(gain := float(gains[where].min())):
+                G = self.grams[k] - projection[:, where].T @ projection[:, where]
+                gain = float(towards[where] @ np.linalg.lstsq(G, towards[where], rcond=1e-8)[0])
+            if total - gain < losses.get(part.key, (np.inf, 0))[0] and not alike & part.families:
+                losses[part.key] = (total - gain, k)
 
         def cost(entry: tuple[float, int]) -> float:
             return self.problem.bic(entry[0], self.groups[entry[1]][0].form.numbers)

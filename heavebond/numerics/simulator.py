@@ -367,59 +367,67 @@ class Simulator:
                                 z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
         return self._result(assembly, first, start_tangent if self.sensitivities else None, clock.perf_counter())
 
-    def _result(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, began: float,
-                again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
-        """A run; if its unknowns stay far below their nominal sizes and `again` gives its start, repeated with fitting
-        sizes."""
-        started = clock.perf_counter()
-        with self._turn:
-            if self._limit_steps(first.p, first.x):
-                self._renew()
-            found = self._integrate(assembly, first, start_tangent)
-            unfit: dict[str, float] = {}
-            hidden: Mapping[str, tuple[float, float]] = {}
-            for _ in range(SIZES.max_repeats):
-                if again is None:
-                    break
-                fitting = self._fitting_sizes(assembly, first, start_tangent, found)
-                hidden = fitting.hidden
-                if not fitting.sizes:
-                    break
-                before = self.assembly.sizes
-                self._take_sizes({**before, **fitting.sizes})
-                try:
-                    restarted = again()
-                    found = self._integrate(*restarted)
-                except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
-                    check()
-                    self._take_sizes(before)
-                    unfit = {name: size.value for name, size in fitting.sizes.items() if not size.origin}
-                    hidden = {**hidden, **{name: (size.value, self.tolerances.rtol * abs(size.origin))
-                                           for name, size in fitting.sizes.items() if size.origin}}
-                    break
-                assembly, first, start_tangent = restarted
-            unresolved: Array = np.zeros(0)
-            for number in range(NARROW.passes):
-                # stops at the passages of one run are not those of the next run of a search
-                if again is None or not self.looks_between or not self.dense:
-                    break
+    def _integrated(self, assembly: Assembly, first: Start, start_tangent: Tangent | None,
+                    again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None
+                    ) -> tuple[Assembly, Start, Tangent | None, Trace, dict[str, object]]:
+        """The trace of a run, with its equations, start and remarks. If `again` gives the start of another run, the run is
+        repeated with fitting sizes while unknowns stay far below their nominal sizes, and then with stops at passages that
+        its steps miss."""
+        if self._limit_steps(first.p, first.x):
+            self._renew()
+        found = self._integrate(assembly, first, start_tangent)
+        remarks: dict[str, object] = {}
+        if again is None:
+            return assembly, first, start_tangent, found, remarks
+        hidden: Mapping[str, tuple[float, float]] = {}
+        for _ in range(SIZES.max_repeats):
+            fitting = self._fitting_sizes(assembly, first, start_tangent, found)
+            hidden = fitting.hidden
+            if not fitting.sizes:
+                break
+            before = self.assembly.sizes
+            self._take_sizes({**before, **fitting.sizes})
+            try:
+                restarted = again()
+                found = self._integrate(*restarted)
+            except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
+                check()
+                self._take_sizes(before)
+                if unfit := {name: size.value for name, size in fitting.sizes.items() if not size.origin}:
+                    remarks["unfit"] = unfit
+                hidden = {**hidden, **{name: (size.value, self.tolerances.rtol * abs(size.origin))
+                                       for name, size in fitting.sizes.items() if size.origin}}
+                break
+            assembly, first, start_tangent = restarted
+        if hidden:
+            remarks["rounded"] = hidden
+        if self.looks_between and self.dense:  # stops at the passages of one run are not those of the next run of a search
+            for repeats_left in reversed(range(NARROW.passes)):
                 unresolved = self._stepped_over(assembly, first, found)
-                if not len(unresolved) or number == NARROW.passes - 1:
+                if len(unresolved) and not repeats_left:
+                    remarks["stepped_over"] = unresolved
+                if not len(unresolved) or not repeats_left:
                     break
                 self.kinks = np.union1d(self.kinks, unresolved)
                 self._place_stops()
                 self._renew()
                 assembly, first, start_tangent = again()
                 found = self._integrate(assembly, first, start_tangent)
+        return assembly, first, start_tangent, found, remarks
+
+    def _result(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, began: float,
+                again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
+        """A run at the times of its outputs; see `_integrated` for `again`."""
+        started = clock.perf_counter()
+        with self._turn:
+            assembly, first, start_tangent, found, remarks = self._integrated(assembly, first, start_tangent, again)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
                       **({"step": self.step} if self.step else {}),
                       **({"sizes": {name: size.value for name, size in self.assembly.sizes.items()}}
                          if self.assembly.sizes else {}),
-                      **({"rounded": hidden} if hidden else {}),
-                      **({"unfit": unfit} if unfit else {}),
-                      **({"stepped_over": unresolved} if len(unresolved) else {}),
+                      **remarks,
                       **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
         if self.switching is not None and (fmus := self.switching.home.equations.partners.reports):
             statistics["fmus"] = fmus
