@@ -8,6 +8,8 @@ from examples import LAW, RUN, SWING, Array, Case, by_cosines, check, swing, wit
 from library_check import Found, agree, checks, part, run
 from scipy.spatial.transform import Rotation
 
+import heavebond as hb
+
 G = 9.81
 
 
@@ -79,6 +81,9 @@ CASES = [
     Case("hull_damping", "turn", lambda t: 2*np.exp(-2*t)/(1 + 2*2/10*(1 - np.exp(-2*t))), RUN, 2e-6),
     Case("spatial_bushing", "engine.z", lambda t: 2e-3*np.cos(np.sqrt(500e3/150)*t), SWING, 2e-5),
     Case("spatial_bushing", "angle.yaw", lambda t: 2e-3*np.cos(np.sqrt(2e3/8)*t), SWING, 2e-5),
+    # m g L**3/(8 E I) + M g L**3/(3 E I), and F L**3/(3 E I)
+    Case("elastic_beam", "tip.z", lambda t: -(300/8 + 100/3)*G*216/4e6 + 0*t, LAW),
+    Case("elastic_beam", "tip.y", lambda t: 500/3*216/2e6 + 0*t, LAW),
     # a pendulum of 4 kg with a moment of inertia of 0.1 + 4 kg*m**2
     Case("plane_in_space", "z", lambda t: -np.cos(swing(t, np.pi/3, np.sqrt(4*G/4.1))), SWING, 2e-5),
     Case("plane_in_space", "y", lambda t: 2 + np.sin(swing(t, np.pi/3, np.sqrt(4*G/4.1)))/2, SWING, 2e-5),
@@ -590,3 +595,58 @@ def test_a_plane_in_space() -> None:
     agree(found["a.F_y"], -F_B[:, 2])
     agree(found["a.M"], M_B @ across)
     agree(found["Q"], F_B @ across)
+
+
+@checks("ElasticBeam")
+def test_a_beam_by_integration_over_its_length() -> None:
+    """The acceleration of each point by the kinematics of a moving frame; forces, moments and the equations of the modes by
+    Gauss-Legendre quadrature, which is exact for the polynomials."""
+    L, m, EI, t_d = 2.0, 5.0, np.array([30.0, 40.0]), 0.01  # EI for deflections along y and z
+    state = {name: 0.1*_random.normal(size=(N, 2)) for name in "yzuo"}
+    rates = {f"der({name})": value for name, value in {**members("a", "v", ACCEL), **members("a", "w", ALPHA)}.items()}
+    given = {f"{name}[{k + 1}]": state[name][:, k] for name in "yzuo" for k in range(2)}
+    found = part("ElasticBeam", n="2", L="2 m", m="5 kg", EI_y="40 N*m**2", EI_z="30 N*m**2", t_d="10 ms")(
+        {**frame_a(), **rates, **given, **LOAD})
+    second = [np.stack([found[f"der({name}[{k}])"] for k in (1, 2)], 1) for name in "uo"]
+    back = TURN.inv()
+    A, B, W, f, t = (back.apply(value) for value in (ACCEL + UP, ALPHA, w_A, F_B, M_B))
+    x, weight = np.polynomial.legendre.leggauss(8)
+    x, weight = (x + 1)/2, weight/2*m
+    modes, powers = np.stack([x**2, x**3]), np.array([2.0, 3.0])
+
+    def bent(first: Array, other: Array, along_x: Array | float = 0.0) -> Array:
+        return np.stack([np.broadcast_to(along_x, (N, 8)), first @ modes, other @ modes], -1)
+
+    r, v, a = bent(state["y"], state["z"], L*x), bent(state["u"], state["o"]), bent(*second)
+    spin = W[:, None, :]
+    acceleration = (A[:, None, :] + np.cross(B[:, None, :], r) + np.cross(spin, np.cross(spin, r)) + 2*np.cross(spin, v) + a)
+    tip = np.stack([np.full(N, L), state["y"].sum(1), state["z"].sum(1)], 1)
+    force = np.einsum("k,nkc->nc", weight, acceleration)
+    moment = np.einsum("k,nkc->nc", weight, np.cross(r, acceleration))
+    agree(vector(found, "a", "F"), TURN.apply(force - f), 1e-9, 1)
+    agree(vector(found, "a", "M"), TURN.apply(moment - t - np.cross(tip, f)), 1e-9, 1)
+    bending = np.array([[4.0, 6], [6, 12]])/L**3  # integrals of the products of the curvatures
+    slope = state["y"] @ powers/L
+    about = (t[:, 2], -(t[:, 1]*np.cos(slope) - t[:, 0]*np.sin(slope)))
+    for axis, (deflection, rate) in enumerate((("y", "u"), ("z", "o"))):
+        inertia = np.einsum("k,nk,ik->ni", weight, acceleration[:, :, axis + 1], modes)
+        elastic = EI[axis]*(state[deflection] + t_d*state[rate]) @ bending
+        agree(inertia + elastic, f[:, axis + 1, None] + about[axis][:, None]*powers/L, 1e-9, 1)
+    shift = np.stack([np.full(N, L), state["y"].sum(1), state["z"].sum(1)], 1)
+    agree(vector(found, "b", ""), r_A + TURN.apply(shift), 1e-9, 1)
+
+
+def test_frequencies_of_a_cantilever() -> None:
+    """cos(b) cosh(b) = -1: 3.516 and 22.03 times sqrt(E I/(m L**3))."""
+    modes = hb.modes(hb.loads("""model: cantilever
+components:
+  wall: {is: SpatialFixed}
+  beam: {is: ElasticBeam, L: 6 m, m: 300 kg, EI_y: 4 MN*m**2, EI_z: 2 MN*m**2, g: 0 m/s**2}
+nodes: {wall: [wall.a, beam.a], tip: [beam.b]}
+initial: {start: steady}
+"""))
+    roots = np.array([1.8751040687, 4.6940911330])**2/(2*np.pi)
+    found = np.sort(modes.frequencies)[:4].reshape(2, 2).T
+    expected = np.outer(np.sqrt(np.array([2e6, 4e6])/(300*6**3)), roots)
+    assert found == pytest.approx(expected, rel=1e-2)
+    assert found[:, 0] == pytest.approx(expected[:, 0], rel=4e-4)
