@@ -81,6 +81,8 @@ CASES = [
     Case("hull_damping", "turn", lambda t: 2*np.exp(-2*t)/(1 + 2*2/10*(1 - np.exp(-2*t))), RUN, 2e-6),
     Case("spatial_bushing", "engine.z", lambda t: 2e-3*np.cos(np.sqrt(500e3/150)*t), SWING, 2e-5),
     Case("spatial_bushing", "angle.yaw", lambda t: 2e-3*np.cos(np.sqrt(2e3/8)*t), SWING, 2e-5),
+    Case("spatial_rod", "x", lambda t: 0.6*np.cos(np.sqrt(G/0.8)*t), SWING, 2e-5),
+    Case("spatial_rod", "tension", lambda t: 2*G/0.8 + 0*t, RUN),
     # m g L**3/(8 E I) + M g L**3/(3 E I), and F L**3/(3 E I)
     Case("elastic_beam", "tip.z", lambda t: -(300/8 + 100/3)*G*216/4e6 + 0*t, LAW),
     Case("elastic_beam", "tip.y", lambda t: 500/3*216/2e6 + 0*t, LAW),
@@ -329,6 +331,20 @@ def test_a_rope() -> None:
     tension = np.maximum(900*e + 30*(STRETCH - 0.2)*np.minimum(e/0.01, 1), 0)
     along(found, tension)
     agree(found["w.f"], -tension)
+
+
+@checks("SpatialRod")
+def test_a_rod() -> None:
+    """The x coordinate of b follows from the length."""
+    line = np.abs(LINE)
+    end = r_A + 4*line
+    found = part("SpatialRod", l="4 m")({**members("a", "", r_A), "b.y": end[:, 1], "b.z": end[:, 2], "F": PHI},
+                                        {"b.x": 20.0})
+    agree(found["b.x"], end[:, 0])
+    agree(vector(found, "b", "F"), PHI[:, None]*line)
+    agree(vector(found, "a", "F"), -PHI[:, None]*line)
+    for port in "ab":
+        agree(vector(found, port, "M"), 0*line)
 
 
 @checks("SpatialStrut")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
@@ -369,3 +370,33 @@ def test_the_energy_of_a_bundled_machine(name: str) -> None:
 def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
     run = hb.simulate(hb.load("spatial/vessel_crane"), "0.5 s")
     assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)
+
+
+def test_the_kinematics_of_a_double_wishbone() -> None:
+    """Angles of the upright and of the upper arm from that of the lower arm, by the equations of closure of the joints."""
+    model = hb.load("spatial/wishbone")
+    run = hb.simulate(model, "0.45 s", every="10 ms")
+    values = run.assembly.parameter_values
+
+    def point(part: str) -> np.ndarray:
+        return np.array([values[f"{part}.l_{axis}"] for axis in "xyz"])
+
+    def turn(part: str, angle: float) -> Rotation:
+        axis = np.array([values[f"{part}.n[{k}]"] for k in (1, 2, 3)])
+        return Rotation.from_rotvec(angle*axis/np.linalg.norm(axis))
+
+    instants = (0, 35, 38, 40, 42, 44)
+    assert np.ptp(np.asarray(run.si["wheel"])[list(instants)]) > 0.03
+    guess = np.zeros(4)
+    for k in instants:
+        low = point("low_pivot") + turn("low_hinge", float(run["low_hinge.phi"][k])).apply(point("low_arm"))
+
+        def gap(unknown: np.ndarray, low: np.ndarray = low) -> np.ndarray:
+            upright = Rotation.from_euler("ZYX", unknown[:0:-1])
+            high = point("high_pivot") + turn("high_hinge", unknown[0]).apply(point("high_arm"))
+            rod = low + upright.apply(point("lever")) - point("rack")
+            return np.append(low + upright.apply(point("king_pin")) - high, rod @ rod - values["tie_rod.l"]**2)
+
+        guess = fsolve(gap, guess, xtol=1e-13)
+        assert [run["high_hinge.phi"][k], *(run[f"angles.{name}"][k] for name in ("roll", "pitch", "yaw"))] == pytest.approx(
+            guess, abs=1e-7)

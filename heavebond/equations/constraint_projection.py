@@ -40,7 +40,8 @@ class ConstraintEquations:
         residual, jacobian = self.function(y, p, 0.0, 1.0)
         scaled = np.array(jacobian) * self.nominal
         size = np.maximum(np.abs(scaled).max(axis=1, initial=0.0), 1e-300)
-        return np.array(residual).ravel() / size, scaled / size[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # rows without a value are left out
+            return np.array(residual).ravel() / size, scaled / size[:, None]
 
     def fixed(self) -> dict[int, bool]:
         """The unknowns with an initial condition, and whether this is more than a guess."""
