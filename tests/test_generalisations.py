@@ -238,7 +238,7 @@ NOT_A_GENERALISATION = {
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
         "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup; ScrewJoint < SpatialRevoluteJoint; "
         "SpatialBody < SpatialPointMass; RollingDisc < RollingSphere; SpherePlaneContact < RollingSphere; ElasticGap < *; "
-        "ElasticBacklash < *; "
+        "ElasticBacklash < *; SpatialLink < SpatialRod; "
         "*SpringDamper* < Elastic*",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch; LockingOneWayClutch < Clutch; LockingBrake < PressedFriction; "
