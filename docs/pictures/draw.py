@@ -207,6 +207,12 @@ def crane(folder: Path) -> Path:
     return save_animation(animate(hb.load("mechanisms/crane"), "15 s"), folder / "crane.gif", speed=3)
 
 
+def in_space(folder: Path) -> list[Path]:
+    """The robot arm in motion, and the platform on its cylinders."""
+    return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
+            save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s")]
+
+
 def swept(folder: Path) -> list[Path]:
     """The compensator over its two gains, and what of the quarter car moves its comfort."""
     asked = {
@@ -317,6 +323,7 @@ DRAWN = (
     moving,
     mechanism,
     crane,
+    in_space,
     swept,
     sea,
     detailed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from matplotlib.colors import to_rgb
 from heavebond.numerics.dae import Array
 from heavebond.pictures.space import AREAS, SOLIDS, Solid, rotated, to_axis
 
-ROUND, TURNS, STEPS = 20, 8, 12  # corners of a circle, coils of a spring, corners of a coil
+ROUND, BALL, TURNS, STEPS = 20, 14, 8, 12  # corners of a circle and of a ball, coils of a spring, corners of a coil
 DISTANCE = 3.2  # of the camera from the middle, relative to the radius of the scene
 LIGHT = np.array([0.35, -0.55, 0.76])  # direction to the lamp
 PARTS = 5  # of an edge of a box, at most
@@ -37,13 +38,16 @@ class Piece(NamedTuple):
     borders: tuple[int, ...] = ()
 
 
+Colour = tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Polygon:
     """A polygon (m, 2), or a line without `face`, in the picture, with its colours and the width of its edge in points."""
 
     corners: Array
-    face: tuple[float, ...] | None
-    edge: tuple[float, ...] | None
+    face: Colour | None
+    edge: Colour | None
     width: float
 
 
@@ -73,46 +77,52 @@ class Camera:
 
 def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
              colours: dict[str, tuple[str, str, str]]) -> list[Polygon]:
-    """All solids at frame k, in the order in which they are painted: what is behind a level, the level, what is before it;
-    each from the farthest to the nearest."""
-    back = camera.axes[2]
-    eye = camera.middle + DISTANCE * camera.radius * back
+    """All solids at frame k, in the order in which they are painted: what is behind a level, the level, what is before
+    it; each from the farthest to the nearest."""
+    eye = camera.middle + DISTANCE * camera.radius * camera.axes[2]
     water = next((float(solid.courses["at"][2, k]) for solid in solids if solid.kind == "level"), None)
-    drawn: list[tuple[int, float, Polygon]] = []
-
-    def paint(corners: Array, nearer: float, face: tuple[float, ...] | None, edge: tuple[float, ...] | None,
-              width: float) -> None:
-        depth = -float(camera.seen(corners)[:, 2].mean()) + nearer
-        parts = [corners] if water is None else [_cut(corners, water, side) for side in (-1.0, 1.0)]
-        for part in parts:
-            if len(part) > 1:
-                before = water is not None and (part[:, 2].mean() > water) == (eye[2] > water)
-                drawn.append((2 if before else 0, depth, Polygon(camera.seen(part)[:, :2], face, edge, width)))
-
-    for solid in solids:
-        edge, face, pale = (np.array(to_rgb(c)) for c in colours[solid.colour])
-        base = {"full": face, "soft": pale, "dark": edge}
-        for corners, look, width, inside, borders in _pieces(solid, k, times):
-            if look == "line":
-                paint(corners, NEARER, None, tuple(edge), width)
-            elif look == "floor":
-                paint(corners, -1e3, None, (*(0.5 + 0.5 * edge), 0.6), width)
-            elif look == "water":
-                drawn.append((1, 0.0, Polygon(camera.seen(corners)[:, :2], (*face, 0.4), None, 0.0)))
-            else:
-                normal, towards = np.cross(corners[1] - corners[0], corners[2] - corners[0]), eye - corners[0]
-                size = float(np.linalg.norm(normal))
-                away = corners.mean(axis=0) - inside if inside is not None else towards
-                outward = normal * np.sign(normal @ away or 1.0)
-                if size == 0.0 or outward @ towards <= 0.0:
-                    continue
-                bright = 0.72 + 0.28 * max(0.0, float(outward @ LIGHT) / size)
-                lit = tuple(np.clip(base[look] * bright, 0, 1).tolist())
-                paint(corners, 0.0, lit, tuple(edge) if width else lit, width or SEAM)
-                for j in borders:
-                    paint(corners[[j, (j + 1) % len(corners)]], NEARER, None, tuple(edge), BORDER)
-    drawn.sort(key=lambda entry: entry[:2])
-    return [polygon for *_, polygon in drawn]
+    owned = [(piece, solid.colour) for solid in solids for piece in _pieces(solid, k, times)]
+    if not owned:
+        return []
+    # the faces that look to the camera, and their brightness
+    flat = np.array([piece.look in ("full", "soft", "dark") for piece, _ in owned])
+    first = np.array([piece.corners[:3] if i else np.zeros((3, 3)) for (piece, _), i in zip(owned, flat, strict=True)])
+    normal, towards = np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), eye - first[:, 0]
+    away = np.array([towards[i] if piece.inside is None else first[i].mean(axis=0) - piece.inside
+                     for i, (piece, _) in enumerate(owned)])
+    outward = normal * np.where(np.einsum("ij,ij->i", normal, away) < 0, -1.0, 1.0)[:, None]
+    size = np.linalg.norm(normal, axis=1)
+    shown = ~flat | ((size > 0) & (np.einsum("ij,ij->i", outward, towards) > 0))
+    bright = 0.72 + 0.28 * np.maximum(0.0, outward @ LIGHT / np.where(size > 0, size, 1.0))
+    # what is painted: corners, the depth by which it is brought forward, face, edge and width
+    paints: list[tuple[Array, float, Colour | None, Colour | None, float]] = []
+    levels: list[Polygon] = []
+    for i, (piece, colour) in enumerate(owned):
+        edge, face, pale = (to_rgb(c) for c in colours[colour])
+        if piece.look == "line":
+            paints.append((piece.corners, NEARER, None, edge, piece.width))
+        elif piece.look == "floor":
+            paints.append((piece.corners, -1e3, None, (*(0.5 + 0.5 * c for c in edge), 0.6), piece.width))
+        elif piece.look == "water":
+            levels.append(Polygon(camera.seen(piece.corners)[:, :2], (*face, 0.4), None, 0.0))
+        elif shown[i]:
+            base = {"full": face, "soft": pale, "dark": edge}[piece.look]
+            lit = tuple(min(1.0, c * float(bright[i])) for c in base)
+            paints.append((piece.corners, 0.0, lit, edge if piece.width else lit, piece.width or SEAM))
+            paints += [(piece.corners[[j, (j + 1) % len(piece.corners)]], NEARER, None, edge, BORDER) for j in piece.borders]
+    # in parts before and behind a level, from the farthest to the nearest
+    parts = [(corners, *rest) for corners, *rest in paints] if water is None else \
+        [(part, *rest) for corners, *rest in paints for side in (-1.0, 1.0) if len(part := _cut(corners, water, side)) > 1]
+    counts = np.array([len(part[0]) for part in parts])
+    seen = camera.seen(np.concatenate([part[0] for part in parts]))
+    begin = np.cumsum(counts) - counts
+    depth = np.add.reduceat(seen[:, 2], begin) / counts - np.array([part[1] for part in parts])
+    before = np.zeros(len(parts), bool) if water is None else \
+        np.array([(float(part[0][:, 2].mean()) > water) == (eye[2] > water) for part in parts])
+    order = np.lexsort((-depth, before))
+    found = [Polygon(seen[begin[i]:begin[i] + counts[i], :2], *parts[i][2:]) for i in order]
+    behind = int(np.count_nonzero(~before))
+    return [*found[:behind], *levels, *found[behind:]]
 
 
 def _cut(corners: Array, height: float, side: float) -> Array:
@@ -147,7 +157,9 @@ def _pieces(solid: Solid, k: int, times: Array) -> list[Piece]:
             corners = placed(solid.faces[0])
             return [Piece(corners[triangle], "full", 0.0) for triangle in solid.faces[1]]
         unit = _box(c["size"]) if solid.kind == "box" else {"sphere": _sphere, "disc": _disc}[solid.kind]()
-        return [piece._replace(corners=placed(piece.corners), inside=c["at"]) for piece in unit]
+        ends = np.cumsum([len(piece.corners) for piece in unit])
+        corners = np.split(placed(np.concatenate([piece.corners for piece in unit])), ends[:-1])
+        return [piece._replace(corners=own, inside=c["at"]) for piece, own in zip(unit, corners, strict=True)]
     if solid.kind == "trace":
         begin = times[k] - c["duration"][0] if c["duration"][0] > 0 else times[0]
         way = solid.courses["at"].T[(times >= begin) & (np.arange(len(times)) <= k)][::max(1, k // 400)]
@@ -244,6 +256,7 @@ def _box(size: Array) -> list[Piece]:
     return found
 
 
+@cache
 def _disc() -> list[Piece]:
     angle, inside = 2 * np.pi * np.arange(ROUND) / ROUND, np.zeros(3)
     ring = 0.5 * np.array([np.cos(angle), np.sin(angle)]).T
@@ -254,8 +267,9 @@ def _disc() -> list[Piece]:
     return [*sides, *(Piece(cap, "full", 0.7, inside) for cap in caps)]
 
 
+@cache
 def _sphere() -> list[Piece]:
-    angle, height = 2 * np.pi * np.arange(ROUND) / ROUND, np.pi * np.arange(9) / 8
+    angle, height = 2 * np.pi * np.arange(BALL) / BALL, np.pi * np.arange(BALL // 2 + 1) / (BALL // 2)
     points = 0.5 * np.array([[(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for t in angle] for h in height])
     return [Piece(points[[i, i, i + 1, i + 1], [j - 1, j, j, j - 1]], "full", 0.0, np.zeros(3))
-            for i in range(8) for j in range(ROUND)]
+            for i in range(BALL // 2) for j in range(BALL)]
