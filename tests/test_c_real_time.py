@@ -121,12 +121,11 @@ def test_the_compensator_agrees_with_a_run(tmp_path: Path) -> None:
     assert max(program.differences(run, 50).values()) < 1e-6
 
 
-@pytest.mark.parametrize(("step", "steps"), [("2 ms", 5), ("2.5 ms", 4)])
-def test_relays_comparators_and_samples_agree_with_a_run(step: str, steps: int, tmp_path: Path) -> None:
-    """The relay and the comparator switch within steps."""
+def test_relays_comparators_and_samples_agree_with_a_run(tmp_path: Path) -> None:
+    """The relay and the comparator switch within steps of 2.5 ms."""
     model = hb.loads(SWITCHED.replace("u: 0}", "u: =4*sin(5 rad/s*time)}"))
-    run, program = hb.simulate(model, rtol=1e-10), Program(model, tmp_path, "rk4", step)
-    assert max(program.differences(run, steps).values()) < 1e-7
+    run, program = hb.simulate(model, rtol=1e-10), Program(model, tmp_path, "rk4", "2.5 ms")
+    assert max(program.differences(run, 4).values()) < 1e-7
     assert program.function("late", ctypes.c_longlong)(program.run) == 0
 
 
@@ -158,6 +157,9 @@ def test_delays_are_exact_across_jumps(tmp_path: Path) -> None:
 
 def test_inputs_snapshots_and_wrong_values(tmp_path: Path) -> None:
     program = Program(hb.loads(LAG), tmp_path, "rk4", "5 ms", ("lag.u",))
+    header = (tmp_path / "lag.h").read_text()
+    assert "lag_par_lag_T_1 = " in header and "/* lag.u [1], 0 */" in header and "initial" not in header.split("extern")[1]
+    assert program.function("parameter_index")(b"initial.lag.y") == program.function("parameter_index")(b"") == -1
     index, set_input = program.function("input_index"), program.function("set_input")
     assert index(b"lag.u") == 0 and index(b"lag") == -1 and program.function("output_index")(b"read") == 1
     assert set_input(program.run, 0, ctypes.c_double(2.0)) == 0
@@ -187,12 +189,14 @@ def test_a_step_calls_nothing_that_allocates(tmp_path: Path) -> None:
     (("--solver", "rk5"), "not a method with a fixed step"),
     (("--solver", "rk4"), "needs a step above 0 s"),
     (("--step", "30 ms"), "the period of read.sample, 0.02 s, is shorter than the step of 0.03 s"),
-    (("--step", "3 ms"), "read.sample: the period is not a multiple of the step; the instants divide steps")])
+    (("--step", "3 ms"), "read.sample: the period is not a multiple of the step; the instants divide steps"),
+    (("--step", "10 ms", "--solver", "rk4", "--set", "lag.T_1=2 ms"), "unstable with this step at the start of the run; its "
+     "longest stable step is 0.0056 s")])
 def test_the_command_says_what_to_type(words: tuple[str, ...], expected: str, tmp_path: Path) -> None:
     (tmp_path / "lag.yaml").write_text(LAG)
     found = CliRunner().invoke(main, ["export", str(tmp_path / "lag.yaml"), "-o", str(tmp_path / "l.c"), *words])
     assert expected in " ".join(found.output.split()), found.output
-    assert (found.exit_code == 0) == (words == ("--step", "3 ms")) == (tmp_path / "l_runner.c").exists()
+    assert (found.exit_code == 0) == (words[-1] in ("3 ms", "lag.T_1=2 ms")) == (tmp_path / "l_runner.c").exists()
 
 
 def test_unsuitable_diagrams_are_refused_with_what_to_type(tmp_path: Path) -> None:
@@ -244,11 +248,10 @@ def test_the_runner_measures_its_steps(runner: Path) -> None:
 @pytest.mark.parametrize(("words", "expected"), [
     (("--port", "0"), "not a number in its range"), (("--lock-step",), "needs --port and --to"),
     (("--set", "lag.T=1"), "no parameter of this name"), (("--outputs", "lag,x"), "'x' is not an output"),
-    (("--until", "0"), "not after the begin"), (("--wrong",), "")])
+    (("--until", "0"), "not after the begin"), (("--wrong",), "there is no option '--wrong'")])
 def test_wrong_options_of_the_runner(words: tuple[str, ...], expected: str, runner: Path) -> None:
     found = subprocess.run([runner, *words], capture_output=True, text=True, check=False)
     assert found.returncode == 2 and expected in found.stderr
-    assert expected or found.stdout.startswith("usage:")
 
 
 def test_the_runner_exchanges_datagrams_in_lock_step(runner: Path) -> None:

@@ -25,7 +25,7 @@ static const char NO_DELAY[] = "a delay is not positive";
 static const char SHORT_DELAY[] = "a delay is shorter than the step";
 static const char LONG_DELAY[] = "a delay is longer than its ring buffer: set it in the diagram and export again";
 static const char DELAY_IMPULSE[] = "a delayed variable jumps whose rate the equations need";
-static const char NOT_KNOWN[] = "a value is infinite or not a number after the step";
+static const char NOT_KNOWN[] = "the values became infinite: the step may be too long for the method";
 
 /* the discontinuity at the present time that the ring has still to record: 0 a jump, 1 a kink, ... */
 typedef struct {
@@ -361,7 +361,7 @@ long long model_late(const model_run *run) { return run->late; }
 static int found(const char *const *names, int n, const char *name) {
   int k;
   for (k = 0; k < n; ++k)
-    if (!strcmp(names[k], name)) return k;
+    if (name[0] && !strcmp(names[k], name)) return k;
   return -1;
 }
 

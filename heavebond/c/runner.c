@@ -21,6 +21,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -135,7 +136,7 @@ static int usage(const char *name) {
          "  --outputs LIST  names of the outputs to send, separated by commas; by default all\n"
          "  --every N       send the outputs of every N-th step (default 1)\n"
          "  --lock-step     after outputs are sent, wait for a datagram with a later time than the last one\n"
-         "  --priority N    use the real-time scheduler of the system (SCHED_FIFO) with this priority\n"
+         "  --priority N    use the real-time scheduler of the system (SCHED_FIFO) with this priority, and keep the memory in RAM\n"
          "  --set NAME=VALUE  value of a parameter, in SI units; may be repeated\n"
          "  --histogram     list the histogram of the step times\n",
          name);
@@ -189,7 +190,10 @@ int main(int argc, char **argv) {
         return 2;
       }
       p[index] = value;
-    } else return usage(argv[0]);
+    } else {
+      if (strcmp(option, "--help")) fprintf(stderr, "there is no option '%s'\n", option);
+      return usage(argv[0]);
+    }
     if (!valid) {
       fprintf(stderr, "%s: '%s' is not a number in its range\n", option, text);
       return 2;
@@ -216,7 +220,7 @@ int main(int argc, char **argv) {
     struct sched_param parameters;
     memset(&parameters, 0, sizeof parameters);
     parameters.sched_priority = (int)priority;
-    if (sched_setscheduler(0, SCHED_FIFO, &parameters)) perror("--priority");
+    if (sched_setscheduler(0, SCHED_FIFO, &parameters) || mlockall(MCL_CURRENT | MCL_FUTURE)) perror("--priority");
   }
   signal(SIGINT, interrupt);
   signal(SIGTERM, interrupt);

@@ -68,7 +68,6 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
         raise UsageError([Problem("option-missing", "no diagram is named" if model is None else "no file is named", None,
                                   "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
-    from heavebond.core.errors import listing
     from heavebond.core.presentation import count
     from heavebond.exchange.export import export as export_to
     from heavebond.exchange.portable import Portable
@@ -92,13 +91,11 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
             console.print(note, soft_wrap=True)
     files = [output]
     if isinstance(exported, Portable) and (step is not None or solver is not None):
-        from heavebond.exchange.real_time import companions, split_periods
-        from heavebond.numerics.output_times import step_of
+        from heavebond.exchange.real_time import companions, notes
 
         files += companions(output)
-        if parts := split_periods(exported, step_of(exported.assembly.model, step)):
-            console.print(f"{listing(parts, 3)}: the period is not a multiple of the step; the instants divide steps",
-                          soft_wrap=True)
+        for note in notes(exported, solver, step):
+            console.print(note, soft_wrap=True)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     return {"model": exported.name, "file": str(output), "files": [str(path) for path in files],

@@ -134,7 +134,8 @@ def _real_time_arrays(exported: Portable, prefix: str, fixed: FixedStepProgram) 
             *(f"const char *const {prefix}_{title}_{kind}[] = {{{', '.join(texts or ['0'])}}};"
               for title, quantities in (("parameter", exported.parameters), ("input", exported.inputs),
                                         ("output", exported.outputs))
-              for kind, texts in (("names", [c_string(q.name) for q in quantities]),
+              for kind, texts in (("names", [c_string(q.name if title != "parameter" or exported.tunable[k] else "")
+                                             for k, q in enumerate(quantities)]),
                                   ("units", [c_string(q.unit.text) for q in quantities])))]
 
 

@@ -22,6 +22,7 @@ from heavebond.exchange.c_code import METHODS, SOURCES, FixedStepProgram, c_name
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array
+from heavebond.numerics.fixed_step import amplification
 from heavebond.numerics.output_times import Time, largest_step_of, step_of
 
 
@@ -56,12 +57,7 @@ def export_real_time(model: Model, path: str | Path, inputs: Iterable[str] = (),
     """
     path = Path(path)
     prefix = c_name(path.stem)
-    written = model.solver.text if model.solver is not None and model.solver.text in METHODS else DEFAULT_METHOD
-    method = solver or written
-    if method not in METHODS:
-        raise UsageError([Problem("real-time-solver", f"'{method}' is not a method with a fixed step", None,
-                                  suggest(method, METHODS) or f"Use one of {listing(METHODS)}.")])
-    length = step_of(model, step)
+    method, length = _method(model, solver), step_of(model, step)
     exported = portable(model, inputs, f"{prefix}_", events=True)
     program = FixedStepProgram(method, length, _checked(exported, method, length))
     header, runner = companions(path)
@@ -72,6 +68,16 @@ def export_real_time(model: Model, path: str | Path, inputs: Iterable[str] = (),
     write_text(header, header_text(exported, prefix, program))
     write_text(runner, runner_text.replace("MODEL", prefix))
     return exported
+
+
+def _method(model: Model, solver: str | None) -> str:
+    """The method of a program; UsageError for a solver without a fixed step."""
+    written = model.solver.text if model.solver is not None and model.solver.text in METHODS else DEFAULT_METHOD
+    method = solver or written
+    if method not in METHODS:
+        raise UsageError([Problem("real-time-solver", f"'{method}' is not a method with a fixed step", None,
+                                  suggest(method, METHODS) or f"Use one of {listing(METHODS)}.")])
+    return method
 
 
 def companions(path: Path) -> list[Path]:
@@ -98,17 +104,19 @@ def _checked(exported: Portable, method: str, step: float) -> int:
         problems.append(Problem("real-time-step", f"the step of {step:.6g} s is longer than `largest_step` of the diagram, "
                                 f"{longest:.6g} s", None, f"Type `--step '{longest:.6g} s'` or less."))
     periods = _periods(exported)
-    for event, period in zip(exported.events, periods.tolist(), strict=True):
-        if event.period is not None and 0 < period < step * (1 - REAL_TIME.same):
+    sampled = [(period, event) for event, period in zip(exported.events, periods.tolist(), strict=True)
+               if event.period is not None and period > 0]
+    if sampled:
+        period, event = min(sampled, key=lambda pair: pair[0])
+        if period < step * (1 - REAL_TIME.same):
             problems.append(Problem("real-time-period", f"the period of {event.name}, {period:.6g} s, is shorter than the "
                                     f"step of {step:.6g} s", event.place, f"Type `--step '{period:.6g} s'` or less."))
-            break
-    delays = _delays(exported)
-    for delay, length in zip(exported.delays, delays.tolist(), strict=True):
+    delays = np.array(exported.histories(*_start(exported))[1]).ravel()
+    if delays.size:
+        delay, length = exported.delays[int(delays.argmin())], float(delays.min())
         if 0 < length < step * (1 - REAL_TIME.same):
             problems.append(Problem("real-time-delay", f"the delay of {delay.name}, {length:.6g} s, is shorter than the "
                                     f"step of {step:.6g} s", None, f"Type `--step '{length:.6g} s'` or less."))
-            break
     nodes = REAL_TIME.spare * (ceil(delays.max() / step) + 8) if delays.size and np.all(np.isfinite(delays)) else 1
     if nodes > REAL_TIME.nodes:
         problems.append(Problem("real-time-delay", f"a delay of {delays.max():.6g} s has {delays.max() / step:.3g} steps; "
@@ -118,12 +126,13 @@ def _checked(exported: Portable, method: str, step: float) -> int:
     return nodes
 
 
-def _delays(exported: Portable) -> Array:
-    """The lengths of the delays at the start, in s."""
-    values = [[q.start for q in group] for group in (exported.states, exported.algebraic, exported.parameters)]
+def _start(exported: Portable) -> tuple[float, Array, Array, Array, Array]:
+    """The arguments (t, x, z, p, u) of the exported functions at the start of the run."""
+    x, z, p = (np.array([q.start for q in group], float)
+               for group in (exported.states, exported.algebraic, exported.parameters))
     u = np.zeros(exported.histories.numel_in(4))
     u[:len(exported.inputs)] = [q.start for q in exported.inputs]
-    return np.array(exported.histories(exported.assembly.begin, *values, u)[1]).ravel()
+    return exported.assembly.begin, x, z, p, u
 
 
 def _periods(exported: Portable) -> Array:
@@ -131,11 +140,39 @@ def _periods(exported: Portable) -> Array:
     return np.array(exported.instants([q.start for q in exported.parameters])[1]).ravel()
 
 
-def split_periods(exported: Portable, step: float) -> list[str]:
-    """The sampled parts whose instants divide steps, because their period is not a multiple of the step."""
-    periods = _periods(exported)
-    return [event.name for event, period in zip(exported.events, periods.tolist(), strict=True)
-            if event.period is not None and period > 0 and abs(period / step - round(period / step)) > REAL_TIME.same]
+def notes(exported: Portable, solver: str | None, step: Time | None) -> list[str]:
+    """What a user should know about the step of an exported program: instants within steps, and an explicit method that is
+    unstable with this step at the start of the run."""
+    model, found = exported.assembly.model, list[str]()
+    method, length = _method(model, solver), step_of(model, step)
+    parts = [event.name for event, period in zip(exported.events, _periods(exported).tolist(), strict=True)
+             if event.period is not None and period > 0 and abs(period / length - round(period / length)) > REAL_TIME.same]
+    if parts:
+        found.append(f"{listing(parts, 3)}: the period is not a multiple of the step; the instants divide steps")
+    if method in ("euler", "rk4") and exported.states:
+        n = len(exported.states)
+        matrix = np.array(exported.jacobian(*_start(exported))[0]).reshape(n, n)
+        if np.all(np.isfinite(matrix)) and (limit := stability_limit(matrix, method == "rk4", length)) is not None:
+            found.append(f"{method} is unstable with this step at the start of the run; its longest stable step is "
+                         f"{limit:.2g} s. Type a shorter `--step`, or `--solver rosenbrock`.")
+    return found
+
+
+def stability_limit(matrix: Array, fourth_order: bool, step: float) -> float | None:
+    """The longest step (s) with which no motion of x' = matrix x that decays grows instead, if the step is longer."""
+    eigenvalues = np.linalg.eigvals(matrix)
+    eigenvalues = eigenvalues[eigenvalues.real < -1e-9 * np.abs(eigenvalues)]
+
+    def grows(h: float) -> bool:
+        return bool(np.any(amplification(h * eigenvalues, fourth_order) > 1))
+
+    if not grows(step):
+        return None
+    low, high = 0.0, step
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return low
 
 
 def header_text(exported: Portable, prefix: str, program: FixedStepProgram) -> str:
@@ -152,16 +189,17 @@ def header_text(exported: Portable, prefix: str, program: FixedStepProgram) -> s
             ("Inputs, in SI units, held during a step", "in", exported.inputs),
             ("Outputs, in the units of the diagram", "out", exported.outputs),
             ("Parameters, in SI units, with their values in the diagram", "par", exported.parameters)):
-        if quantities:
-            lines += [f"/* {title} */", "enum {", *_indices(f"{prefix}_{short}_", quantities), "};", ""]
+        listed = [(k, q) for k, q in enumerate(quantities) if short != "par" or exported.tunable[k]]
+        if listed:
+            lines += [f"/* {title} */", "enum {", *_indices(f"{prefix}_{short}_", listed), "};", ""]
     lines += [FUNCTIONS.replace("MODEL", prefix), "#endif", ""]
     return "\n".join(lines)
 
 
-def _indices(prefix: str, quantities: Iterable[Quantity]) -> list[str]:
-    """One enumerator with its comment for each quantity; equal names of C get their index."""
-    lines, used = [], set[str]()
-    for k, q in enumerate(quantities):
+def _indices(prefix: str, quantities: Iterable[tuple[int, Quantity]]) -> list[str]:
+    """One enumerator with its comment for each quantity and its index; equal names of C get their index."""
+    lines, used, k = [], set[str](), 0
+    for k, q in quantities:
         name = c_name(f"{prefix}{q.name}")
         name = name if name not in used else f"{name[:50]}_{k}"
         used.add(name)
@@ -172,6 +210,7 @@ def _indices(prefix: str, quantities: Iterable[Quantity]) -> list[str]:
 
 
 FUNCTIONS = """extern const double MODEL_p_start[], MODEL_u_start[]; /* values of parameters and inputs in the diagram */
+/* Names and units by index; the names of values that belong to the start of the diagram are empty. */
 extern const char *const MODEL_parameter_names[], *const MODEL_parameter_units[];
 extern const char *const MODEL_input_names[], *const MODEL_input_units[];
 extern const char *const MODEL_output_names[], *const MODEL_output_units[];

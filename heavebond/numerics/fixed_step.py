@@ -33,6 +33,11 @@ MOST_ITERATIONS = 50
 POINTS, LARGE, GROWTH = 8, 300, 2.0
 
 
+def amplification(z: Array, fourth_order: bool) -> Array:
+    """|R(z)|, by which a step h multiplies a motion exp(lambda t), z = h lambda: of Runge-Kutta of order 4 or of Euler."""
+    return np.asarray(np.abs(1 + z + (z**2 / 2 + z**3 / 6 + z**4 / 24 if fourth_order else 0)))
+
+
 class FixedStep:
     """An integration with steps of `integrand.longest`, called as the other integrators are. RuntimeError if a value
     overflows or if Newton's method of backward Euler fails."""
@@ -122,8 +127,7 @@ class FixedStep:
         eigenvalues = eigenvalues[eigenvalues.real <= 1e-9 * np.abs(eigenvalues)]
 
         def grows(h: float) -> bool:
-            z = h * eigenvalues
-            factor = np.abs(1 + z + (z**2 / 2 + z**3 / 6 + z**4 / 24 if self._cubic else 0))
+            factor = amplification(h * eigenvalues, self._cubic)
             return bool(np.any(np.log(np.maximum(factor, 1.0)) * (steps * self._step / h) > np.log(GROWTH)))
 
         if not grows(self._step):
