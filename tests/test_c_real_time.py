@@ -168,6 +168,8 @@ def test_inputs_snapshots_and_wrong_values(tmp_path: Path) -> None:
     first = program.steps(20)
     program.run.raw = snapshot
     assert np.array_equal(program.steps(20), first)
+    set_input(program.run, 0, ctypes.c_double(0.0))
+    assert program.steps(14000)[0] == 0  # exp(-350): a motion that has ended makes no step slower
     for k, value in ((0, np.nan), (0, np.inf), (1, 0.0), (-1, 0.0)):
         assert set_input(program.run, k, ctypes.c_double(value)) == 1
     assert np.isnan(program.function("get_output", ctypes.c_double)(program.run, 2))
