@@ -16,12 +16,14 @@ from PIL import Image
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.language import library
 from heavebond.language.library import bundled
 from heavebond.pictures.animation import animation_page, packed
 from heavebond.pictures.film import COLOURS
 from heavebond.pictures.motion import Motion, animate, check_view
 from heavebond.pictures.projection import Camera, polygons
 from heavebond.pictures.space import Solid, cardan, product, resolved, rotated, to_axis
+from heavebond.text.expression import names
 
 # an arm that turns about z with 1 rad/s, with a load on a rope below its end
 TURNTABLE = """
@@ -192,6 +194,18 @@ view:
         (tmp_path / folder / "m.yaml").write_text(diagram)
         with pytest.raises(hb.ModelError, match=words):
             hb.assemble(hb.load(tmp_path / folder / "m.yaml"))
+
+
+def test_shapes_of_the_library_name_what_their_component_has() -> None:
+    known = library.library()
+    components = [known.component(name) for name, file in known.files.items() if file.parent.name == "spatial"]
+    components = [component for component in components if component.view]
+    assert len(components) > 20
+    for component in components:
+        for shape in component.view.values():
+            placed = shape.placed("part", component)
+            used = {name.text for formula in placed.all_formulas for name in names(formula.tree)} - {"pi"}
+            assert all(name.startswith("part.") for name in used), (component.name, shape.name, used)
 
 
 def test_a_mesh_is_drawn_in_its_unit(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ class _Parser:
                 if point.frame and point.frame not in frames:
                     self.problems.add("view-frame", f"'{point.frame}' is not a port of the domain spatial", point.place,
                                       hint=suggest(point.frame, frames) or f"Ports: {listing(frames) or 'none'}.")
-            if not shape.spatial:
+            if shape.spatial is False:
                 self.problems.add("view-plane", f"'{shape.name}' is a shape in a plane; a component has shapes in space",
                                   shape.place, hint="Write a port as its place, for example `at: a`.")
         return shapes

@@ -113,6 +113,9 @@ def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
     labels = [(solid, axes.text(0, 0, solid.label, va="bottom", ha="center", fontsize=9)) for solid in motion.solids
               if solid.label]
 
+    lasting = float(motion.time[-1] - motion.time[0])
+    digits = 1 if lasting > 20 else 2 if lasting > 0.2 else 4
+
     def draw(k: int) -> None:
         found = polygons(motion.solids, k, motion.time, camera, COLOURS)
         painted.set_verts([p.corners if p.face is None else np.vstack([p.corners, p.corners[:1]]) for p in found],
@@ -122,7 +125,7 @@ def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
         for solid, words in labels:
             x, y, _ = camera.seen(middle(solid, k)[None])[0]
             words.set(x=x, y=y)
-        clock.set_text(f"{motion.time[k]:.1f} s")
+        clock.set_text(f"{motion.time[k]:.{digits}f} s")
 
     return figure, draw
 

@@ -171,7 +171,8 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
     domain = next(d for d in assembly.model.library.domains.values() if d.orientation)
     placed: dict[str, dict[str, Array]] = {}
     for name, shape in view.items():
-        values = {key: np.array([courses[f.text] for f in part]) for key, part in shape.formulas.items()}
+        values = {key: np.nan_to_num(np.array([courses[f.text] for f in part]), posinf=0.0, neginf=0.0)
+                  for key, part in shape.formulas.items()}
         turn = np.repeat([[1.0], [0.0], [0.0], [0.0]], n, axis=1)
         for key, point in shape.points.items():
             local = np.array([courses[f.text] for f in point.coordinates] or np.zeros((3, n)))
@@ -179,9 +180,7 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
                 turn = np.array([courses[f"{point.frame}.{member}"] for member in domain.orientation])
                 turn = turn / np.linalg.norm(turn, axis=0)
                 local = rotated(turn, local) + [courses[f"{point.frame}.{member}"] for member in domain.positions]
-            values[key] = local
-        if "vector" in values:
-            values["vector"] = np.where(np.isfinite(values["vector"]), values["vector"], 0.0)
+            values[key] = np.nan_to_num(local)
         placed[name] = {**values, "turn": turn}
     if not any(key in c and len(c[key]) == 3 for c in placed.values() for key in POINTS):
         raise UsageError([Problem("view-empty", "a view of levels alone has no width", None, "Add a box.")])
@@ -223,7 +222,8 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
         return {"from": course["from"], "to": course["to"], "width": course.get("width", usual * thick), "length": barrel}
     if kind == "arrow":
         largest = float(np.max(np.linalg.norm(course["vector"], axis=0)))
-        scale = course.get("scale", np.full((1, n), largest / (LONGEST * extent) or 1.0))
+        scale = course.get("scale", np.full((1, n), largest / (LONGEST * extent)))
+        scale = np.where(scale == 0.0, np.inf, scale)
         return {"from": course["at"], "to": course["at"] + course["vector"] / scale, "width": 0.6 * thick}
     if kind == "trace":
         return {"at": course["at"], "duration": course.get("duration", np.full((1, n), 0.0))}
