@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
@@ -370,6 +370,26 @@ def test_the_energy_of_a_bundled_machine(name: str) -> None:
 def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
     run = hb.simulate(hb.load("spatial/vessel_crane"), "0.5 s")
     assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)
+
+
+def test_a_hinge_with_dry_friction_swings_and_sticks() -> None:
+    """The first turning point: m g l (cos(theta_1) - cos(theta_0)) = M (theta_0 + theta_1) from hanging. The divisors of the
+    elimination differ from zero while the hinge sticks and while it slips."""
+    run = hb.simulate(hb.loads("""model: swing
+components:
+  wall:     {is: SpatialFixed}
+  pin:      {is: SpatialRevoluteJoint, n: [0, 1, 0]}
+  arm:      {is: SpatialBody, m: 2 kg, J_x: 0.1 kg*m**2, J_y: 0.1 kg*m**2, J_z: 0.1 kg*m**2, l_x: 0.3 m}
+  friction: {is: RotationalDryFriction, M_c: 1 N*m, M_s: 1 N*m}
+  housing:  {is: FixedShaft}
+nodes: {wall: [wall.a, pin.a], arm: [pin.b, arm.a], drive: [pin.d, friction.b], housing: [housing.a, friction.a]}
+initial: {pin.phi: 0 rad, pin.w: 0 rad/s}
+show: {angle: {is: pin.phi, unit: rad}}
+simulate: {until: 6 s, every: 5 ms}
+"""))
+    turned = brentq(lambda theta: 2*G*0.3*np.cos(theta) - (np.pi/2 + theta), 0, np.pi/2)
+    assert run["angle"].max() == pytest.approx(np.pi/2 + turned, abs=1e-4)
+    assert run["angle"][-100:] == pytest.approx(run["angle"][-1], abs=1e-7)
 
 
 def test_the_kinematics_of_a_double_wishbone() -> None:

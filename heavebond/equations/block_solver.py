@@ -27,6 +27,7 @@ from heavebond.language.symbols import split, stack
 Array = NDArray[np.float64]
 # a coefficient in a loop that is not divided by, as a share of the largest of its equation among unknowns of its unit
 WEAK = 1e-7
+MODES = 100  # whole numbers of a held variable that are tried at random states, such as stuck or slipping
 
 
 @dataclass(frozen=True)
@@ -338,8 +339,8 @@ class BlockSolver:
             block.solved, block.eliminated, block.torn, block.residual, block.remaining = [], [], [], [], []
 
     def _at_random_states(self, expressions: ca.SX) -> Array:
-        """The values (n, SAMPLES) of expressions in states, parameters and known functions of time; the first state is the
-        initial guess of the diagram."""
+        """The values (n, SAMPLES) of expressions in states, parameters, modes of laws and known functions of time; the first
+        state is the initial guess of the diagram."""
         symbols = ca.symvar(expressions)
         if not symbols:
             return np.repeat(np.array(ca.DM(expressions)).reshape(-1, 1), SAMPLES, axis=1)
@@ -353,10 +354,14 @@ class BlockSolver:
                                [u is not None and u.unit.text == "rad" for u in unknowns])
         guess = InitialGuess(self.flat)(np.array([q.value for q in self.flat.parameters]))
         guess_of = {s.element_hash(): value for s, value in zip(self.flat.levels[0], guess.tolist(), strict=True)}
+        constants, random = self.flat.constant_hashes, np.random.default_rng(2)
         for k, symbol in enumerate(symbols):
             values[k, 0] = guess_of.get(symbol.element_hash(), 0.0)
             if symbol.element_hash() in parameters:
                 values[k] = parameters[symbol.element_hash()]
+                low, high = self.flat.bounds.get(symbol.element_hash(), (-np.inf, np.inf))
+                if symbol.element_hash() not in constants and high - low < MODES:  # a held variable, a mode of a law
+                    values[k, 1:] = random.integers(np.ceil(low), np.floor(high), SAMPLES - 1, endpoint=True)
             elif symbol.element_hash() == self.flat.rate.element_hash():
                 values[k] = 1.0
         return np.asarray(ca.Function("samples", [stack(symbols)], [expressions])(values)).reshape(-1, SAMPLES)
