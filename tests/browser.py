@@ -73,7 +73,8 @@ class Tab:
         self.events.append(found)
         what, said = found["method"], found["params"]
         if what in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown") or \
-                (what == "Log.entryAdded" and said["entry"]["level"] in ("error", "warning")):
+                (what == "Log.entryAdded" and said["entry"]["level"] in ("error", "warning")
+                 and said["entry"]["source"] != "rendering"):  # a browser without a graphics card warns that it is slow
             self.complaints.append(json.dumps(said)[:400])
 
     def open(self, path: Path) -> None:

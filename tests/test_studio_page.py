@@ -13,6 +13,7 @@ import pytest
 from studio_pages import Server, server, tab
 
 import heavebond as hb
+from heavebond.pictures.animation import packed
 
 CAR = (Path(__file__).parents[1] / "models" / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
 __all__ = ["server", "tab"]
@@ -80,6 +81,7 @@ def _shown_on_the_drawing(tab: browser.Tab) -> None:
     before = tab.run(shape)
     tab.run("studio.animation.at(1); 1")
     assert tab.run(shape) != before
+    _shown_in_space(tab)
     tab.click("#toggle-machine")
     assert tab.run("document.querySelector('#machine').hidden")
     tab.run("studio.animation.choose('modes')")
@@ -87,6 +89,23 @@ def _shown_on_the_drawing(tab: browser.Tab) -> None:
     assert "%" in tab.run("document.querySelector('g[data-part=body] > text.part').textContent")
     tab.run("studio.animation.choose('')")
     assert tab.run(f"{wire}.stroke") == plain and tab.run("document.querySelector('text.node').textContent") == "body"
+
+
+def _shown_in_space(tab: browser.Tab) -> None:
+    """The film of a machine in space in the place of the film of a machine in a plane."""
+    film = packed(hb.animate(hb.loads("""model: mast
+components:
+  foot: {is: SpatialPositionSource, x: [0 m, 0 m, 0 m], phi: [0 rad, "=time*1 rad/s", 0 rad]}
+  mast: {is: SpatialLink, l_z: 2 m}
+nodes: {foot: [foot.a, mast.a], top: [mast.b]}
+simulate: {until: 4 s, every: 0.1 s}
+""")))
+    tab.run(f"studio.machine.film = {json.dumps(film)}; studio.machine.buildInSpace()")
+    tab.wait("Boolean(studio.machine.scene)")
+    tab.run("studio.animation.at(2); 1")
+    tilt = tab.run("studio.machine.scene.solids.find(found => found.solid.kind === 'beam').group.quaternion.toArray()")
+    assert tilt == pytest.approx([0, math.sin(1), 0, math.cos(1)], abs=1e-3)
+    assert "arrow keys" in tab.run("document.querySelector('#machine canvas').getAttribute('aria-label')")
 
 
 def _swept(tab: browser.Tab, file: Path) -> None:

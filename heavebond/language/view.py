@@ -44,6 +44,7 @@ EXAMPLES = {"size": "[0.2 m, 0.2 m, 0.6 m]", "turned": "[0, 90 deg, 0]", "axis":
             "scale": "10 kN/m", "unit": "1 mm"}
 WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
+UNIT = re.compile(r"[a-z]+")  # of a mesh, without a number
 FRAME = re.compile(r"[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*")
 
 
@@ -85,7 +86,8 @@ def _shape(name: str, item: Node, folder: Path, problems: Problems) -> ViewShape
                   and (point := _point(entry, key, kind, problems)) is not None}
         if "file" in given:
             file = folder / reading.text(entry.items["file"], "file", problems)
-    formulas = {key: _formulas(entry, key, kind, spatial, problems) for key in given if key != "file" and key not in points}
+    formulas = {key: _formulas(entry, key, kind, spatial, problems) for key in given
+                if key != "file" and not (spatial and key in POINTS)}
     colour = reading.choice(entry.items.get("colour"), "colour", COLOURS, problems) or usual
     label = reading.text(entry.items.get("label"), "label", problems)
     if len(problems.found) > before:
@@ -149,5 +151,7 @@ def _formula(item: Node, key: str, problems: Problems) -> Formula | None:
         return None
     place = item.place.moved(1 if item.quoted else 0, len(item.text))
     content, place = (item.text[1:], place.moved(1)) if item.text.startswith("=") else (item.text, place)
+    if key == "unit" and UNIT.fullmatch(content):
+        content = f"1 {content}"
     tree = reading.parsed(parse_formula, content, place, problems)
     return None if tree is None else Formula(tree, content, place)

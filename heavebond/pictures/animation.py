@@ -42,8 +42,8 @@ def animation_page(motion: Motion, speed: float = 1.0) -> str:
 
 def animation_frame(motion: Motion) -> Html:
     """The page of a motion in a frame, for notebooks; its script has no access to the notebook."""
-    return element("iframe", srcdoc=str(animation_page(motion)), sandbox="allow-scripts", width="100%", height="640",
-                   style="border: 0", title=motion.title)
+    return element("iframe", srcdoc=str(animation_page(motion)), sandbox="allow-scripts allow-downloads", width="100%",
+                   height="640", style="border: 0", title=motion.title)
 
 
 def packed(motion: Motion) -> dict[str, object]:

@@ -230,8 +230,8 @@ def check_view(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping
             if dimension_found is not None and wanted is not None and dimension_found != wanted:
                 problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
                              formula.place,
-                             hint="Write for example " + (f"`{key}: {EXAMPLES[key]}`." if key in WANTED else
-                                                          "`crown.x + 12 m`."))
+                             hint=f"Write for example `{key}: {EXAMPLES[key]}`."
+                             if shape.spatial and key in EXAMPLES else "Write for example `crown.x + 12 m`.")
             moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
             if moving and _has_derivative(formula.tree):
                 problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "

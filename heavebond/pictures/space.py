@@ -183,7 +183,7 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
             values[key] = np.nan_to_num(local)
         placed[name] = {**values, "turn": turn}
     if not any(key in c and len(c[key]) == 3 for c in placed.values() for key in POINTS):
-        raise UsageError([Problem("view-empty", "a view of levels alone has no width", None, "Add a box.")])
+        raise UsageError([Problem("view-empty", "a view of levels and a camera alone has no width", None, "Add a box.")])
     points = np.concatenate([c[key] for c in placed.values() for key in POINTS if key in c and len(c[key]) == 3], axis=1)
     low, high = points.min(axis=1), points.max(axis=1)
     extent = float(np.max(high - low)) or max((float(c["size"].max()) for c in placed.values() if "size" in c), default=1.0)
@@ -205,6 +205,8 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
         size = np.repeat([[BEYOND * reach], [BEYOND * reach], [0.0]], n, axis=1)
         solids.insert(0, Solid("ground", "ground", "rock", "", {"at": at, "size": size}))
     low, high = _bounds([solid for solid in solids if solid.kind != "level"] or solids)
+    if float(np.max(high - low)) < 1e-9:  # a single point
+        low, high = low - 0.5, high + 0.5
     camera = next((c for name, c in placed.items() if view[name].kind == "camera"), {})
     angles = tuple(float(camera[key][0, 0]) if key in camera else usual
                    for key, usual in zip(("azimuth", "elevation"), CAMERA, strict=True))
