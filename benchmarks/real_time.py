@@ -70,6 +70,12 @@ def difference(case: Case, folder: Path) -> float:
                for j, name in enumerate(names))
 
 
+def spoken(text: str) -> str:
+    """A time in microseconds as `2.9 µs` or `44.1 ms`."""
+    time = float(text)
+    return f"{time:.3g} µs" if time < 1000 else f"{time / 1000:.3g} ms"
+
+
 def measured(case: Case) -> Figure:
     """The figures of one program."""
     with tempfile.TemporaryDirectory() as name:
@@ -80,9 +86,9 @@ def measured(case: Case) -> Figure:
                                              capture_output=True, text=True, check=True).stdout)
                  for more in ((), ("--processor-time",))]
         apart = difference(case, folder)
-    wall, processor = (found.groups() if found else ("", "", "") for found in times)
+    wall, processor = ([spoken(text) for text in found.groups()] if found else ["", "", ""] for found in times)
     return Figure(f"{case.name}, {case.solver}, {1e3 * case.step:g} ms",
-                  f"median {wall[0]} µs, 99.9 % below {wall[1]} µs, maximum {wall[2]} µs ({processor[2]} µs of processor "
+                  f"median {wall[0]}, 99.9 % below {wall[1]}, maximum {wall[2]} ({processor[2]} of processor "
                   f"time); difference {apart:.1e}", f"difference ≤ {case.largest:g}", apart <= case.largest)
 
 
@@ -98,8 +104,8 @@ def in_real_time() -> Figure:
     assert times and late
     scheduler = "usual scheduler" if "--priority" in report.stderr else "`--priority 50`"
     return Figure(f"cmc_ahc, rosenbrock, 0.1 ms, in real time, {scheduler}",
-                  f"median {times[1]} µs, 99.9 % below {times[2]} µs, maximum {times[3]} µs; {late[1]} steps ended after "
-                  "their period")
+                  f"median {spoken(times[1])}, 99.9 % below {spoken(times[2])}, maximum {spoken(times[3])}; {late[1]} steps "
+                  "ended after their period")
 
 
 PLANT = """

@@ -215,6 +215,16 @@ def test_unsuitable_diagrams_are_refused_with_what_to_type(tmp_path: Path) -> No
     assert set(METHODS) == {"euler", "rk4", "backward-euler", "rosenbrock"}
 
 
+def test_other_files_of_the_same_name_are_kept(tmp_path: Path) -> None:
+    model = hb.loads(LAG)
+    for _ in range(2):  # its own files are written anew
+        hb.export(model, tmp_path / "lag.c", step="1 ms")
+    (tmp_path / "lag.h").write_text("/* mine */")
+    with pytest.raises(hb.UsageError, match="was not written by heavebond"):
+        hb.export(model, tmp_path / "lag.c", step="1 ms")
+    assert (tmp_path / "lag.h").read_text() == "/* mine */"
+
+
 # -- the runner --------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def runner(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -1,5 +1,6 @@
-/* A runner of MODEL.c for POSIX: it makes one step of the program in each period of CLOCK_MONOTONIC, measures the time of each
-   step, and exchanges inputs and outputs by UDP on the loopback interface.
+/* A runner of MODEL.c for POSIX, written by heavebond; give it another name before you change it. It makes one step of the
+   program in each period of CLOCK_MONOTONIC, measures the time of each step, and exchanges inputs and outputs by UDP on the
+   loopback interface.
 
      cc -std=c99 -O2 MODEL.c MODEL_runner.c -o MODEL -lm
      ./MODEL --help
@@ -269,7 +270,7 @@ int main(int argc, char **argv) {
   end = clock_time(CLOCK_MONOTONIC);
   printf("steps       %llu of %g s, to %g s, in %.3g s\n", (unsigned long long)n, MODEL_dt, MODEL_time(run), end - begin);
   if (n)
-    printf("%s   median %.3g us, 99.9 %% below %.3g us, maximum %.4g us\n",
+    printf("%s   median %.3f us, 99.9 %% below %.3f us, maximum %.1f us\n",
            measured == CLOCK_MONOTONIC ? "step time" : "processor", 1e6 * quantile(0.5, n), 1e6 * quantile(0.999, n), 1e6 * longest);
   if (wait && !lock_step) printf("overruns    %llu steps ended after their period\n", (unsigned long long)n_overrun);
   printf("events      %lld steps with events at their end\n", MODEL_late(run));

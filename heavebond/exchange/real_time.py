@@ -47,6 +47,7 @@ class RealTimeConstants:
 
 REAL_TIME = RealTimeConstants()
 DEFAULT_METHOD = "rosenbrock"
+MARK = "written by heavebond"  # in the first lines of header and runner
 
 
 def export_real_time(model: Model, path: str | Path, inputs: Iterable[str] = (), solver: str | None = None,
@@ -61,6 +62,10 @@ def export_real_time(model: Model, path: str | Path, inputs: Iterable[str] = (),
     exported = portable(model, inputs, f"{prefix}_", events=True)
     program = FixedStepProgram(method, length, _checked(exported, method, length))
     header, runner = companions(path)
+    for companion in (header, runner):
+        if companion.exists() and MARK not in companion.read_text(encoding="utf-8", errors="replace")[:300]:
+            raise UsageError([Problem("file-exists", f"'{companion}' exists and was not written by heavebond", None,
+                                      "Rename it, or choose another name for the program.")])
     runner_text = (SOURCES / "runner.c").read_text(encoding="utf-8")
     for part, name in (("MODEL.c", path.name), ("MODEL_runner.c", runner.name), ("MODEL.h", header.name)):
         runner_text = runner_text.replace(part, c_comment(name))
