@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from diagrams import BALL, FLOOR
 
 import heavebond as hb
 from heavebond import cli
@@ -80,11 +79,62 @@ def test_backward_euler_solves_algebraic_unknowns_and_explicit_methods_refuse_th
         assert "--solver idas" in caught.value.problems[0].hint
 
 
-def test_a_diagram_with_events_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "bouncing_floor.yaml").write_text(FLOOR, encoding="utf-8")
-    for solver in GROWTH:
-        with pytest.raises(hb.UsageError, match=f"{solver} cannot run this diagram: it has events"):
-            hb.simulate(hb.loads(BALL, tmp_path), solver=solver, step=1e-3)
+SWITCHED = """
+model: switched
+components:
+  relay: {is: Relay, u_on: -1, u_off: -3, y_on: 5, y_off: 0}
+  lag:   {is: FirstOrderLag, T_1: 0.2 s}
+  back:  {is: Gain, k: -1}
+  wave:  {is: Sine, a: 1, T: 0.5 s}
+  taken: {is: SampleHold, T_s: 70.3 ms}
+nodes: {command: [relay.y, lag.u], level: [lag.y, back.u], down: [back.y, relay.u], wave: [wave.y, taken.u]}
+show: {level: {is: lag.y, unit: 1}, taken: {is: taken.y, unit: 1}}
+simulate: {until: 2 s, every: 10 ms}
+"""
+COUNTER = """component: Counter
+summary: Count of the crossings of the marks of a rule.
+ports: {u: {signal: in, unit: 1}, y: {signal: out, unit: 1}}
+variables: {n: {unit: 1, held: 0}}
+equations: |
+  y = n
+when:
+  up: {condition: u >= n + 1, then: {n: n + 1}}
+"""
+
+
+@pytest.mark.parametrize("solver", GROWTH)
+def test_events_happen_at_the_ends_of_steps(solver: str) -> None:
+    """A relay between -1 and 1 of a lag: its events are at multiples of the step, its samples at their instants, and the
+    error is of the size of the step."""
+    exact, errors = hb.simulate(hb.loads(SWITCHED), rtol=1e-10), []
+    switched = [time for time, name in exact.events if name.startswith("relay")]
+    assert len(switched) > 5
+    for step in (1e-3, 0.5e-3):
+        found = run(SWITCHED, solver=solver, step=step)
+        times = np.array([time for time, name in found.events if name.startswith("relay")])
+        assert np.abs(times / step - np.round(times / step)).max() < 1e-6
+        assert len(times) == len(switched)
+        assert [time for time, name in found.events if name.startswith("taken")] == pytest.approx(0.0703 * np.arange(29))
+        assert np.abs(found.si["taken"] - exact.si["taken"]).max() < 1e-12
+        errors.append(np.abs(times - switched).max() / step)
+    assert max(errors) < 1.5 * len(switched)
+
+
+def test_a_count_advances_by_several_at_the_end_of_a_step(tmp_path: Path) -> None:
+    """25 marks in each step of 10 ms."""
+    (tmp_path / "counter.yaml").write_text(COUNTER)
+    text = "model: m\ncomponents:\n  n: {is: Counter, u: \"=2500.5*time/(1 s)\"}\nsimulate: {until: 0.2 s, every: 10 ms}\n"
+    with pytest.warns(hb.RunWarning, match="n has .* events per second"):
+        found = hb.simulate(hb.loads(text, tmp_path), solver="euler", step="10 ms")
+    np.testing.assert_array_equal(found["n.y"], np.floor(2500.5 * found.time + 1e-9))
+
+
+def test_a_law_that_alternates_from_step_to_step_is_named() -> None:
+    """A relay without a band drives a lag back and forth around its switching point."""
+    text = SWITCHED.replace("u_on: -1, u_off: -3", "u_on: -1.9999, u_off: -2")
+    with pytest.warns(hb.RunWarning, match=r"relay has .* events per second"):
+        found = hb.simulate(hb.loads(text), solver="rk4", step=1e-3)
+    assert abs(found["lag.y"][-1] - 2) < 0.03
 
 
 def test_the_step_is_read_from_the_diagram_and_missing_steps_are_named() -> None:

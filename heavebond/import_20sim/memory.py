@@ -262,8 +262,10 @@ class Memory:
         held = f.name(name)
         self.component.on("at_start", {"at": "0"}, {name: f.call("floor", value)})
         above, below = f.add(held, f.number(1)), Expr("-", (held, f.number(1)))
-        self.component.on(f"{name}_up", {"condition": f.text(Expr(">=", (value, above)))}, {name: above})
-        self.component.on(f"{name}_down", {"condition": f.text(Expr("<", (value, held)))}, {name: below})
+        self.component.on(f"{name}_up", {"condition": f.text(Expr(">=", (value, above)))},
+                          {name: f.call("max", above, f.call("floor", value))})
+        self.component.on(f"{name}_down", {"condition": f.text(Expr("<", (value, held)))},
+                          {name: f.call("min", below, f.call("floor", value))})
         return held
 
     def truncated(self, ratio: Expr) -> Expr:
@@ -278,6 +280,7 @@ class Memory:
         down = Expr("or", (Expr("and", (Expr("<=", (held, f.number(0))), Expr("<", (ratio, below)))),
                            Expr("and", (Expr(">", (held, f.number(0))), Expr("<", (ratio, held))))))
         self.component.on("at_start", {"at": "0"}, {name: whole})
-        self.component.on(f"{name}_up", {"condition": f.text(up)}, {name: f.add(held, f.number(1))})
-        self.component.on(f"{name}_down", {"condition": f.text(down)}, {name: below})
+        # by one, or by several if the ratio jumps
+        self.component.on(f"{name}_up", {"condition": f.text(up)}, {name: f.call("max", f.add(held, f.number(1)), whole)})
+        self.component.on(f"{name}_down", {"condition": f.text(down)}, {name: f.call("min", below, whole)})
         return held

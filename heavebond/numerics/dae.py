@@ -180,8 +180,10 @@ class Assembly:
 
     def unscaled_x(self, x: Array, blocks: int = 1) -> Array:
         """The states of scaled states (n_x blocks,) or (n_x blocks, N); all blocks but the first are sensitivities."""
-        origins = np.pad(self.x_origin, (0, len(self.x_origin) * (blocks - 1)))
-        return np.asarray((x.T * np.tile(self.x_nominal, blocks) + origins).T)
+        sizes, origins = self.x_nominal, self.x_origin
+        if blocks > 1:
+            sizes, origins = np.tile(sizes, blocks), np.pad(origins, (0, len(origins) * (blocks - 1)))
+        return np.asarray((x.T * sizes + origins).T)
 
     def with_sizes(self, sizes: Mapping[str, Size]) -> Assembly:
         """The same equations with other nominal sizes of states and algebraic unknowns, by name: those that scale the

@@ -50,6 +50,9 @@ class EventConstants:
     dense_within: share of the run for `dense_events`. Origin: one output interval. Doubled: half of that rate is reported.
     many_events: events of the conditions of one part in the run that the verdict reports. Origin: they take longer than
         the motion of most machines between them. Doubled: twice as many are silent.
+    share_of_steps: share of the steps of a method with a fixed step at whose ends conditions of one part set off events that
+        the verdict reports. Origin: a switch that drives itself back acts at every step or at every second one. Doubled:
+        such a switch is not named if it rests in a part of the run.
     max_crawls: halvings of a stretch without an event before a run that crawls is given up. Origin: a piston that has
         passed its stop empties its chamber. Doubled: such a run ends later.
     steps_in_chart: steps of the integrator between two points where other states may be chosen. Origin: a bound on the
@@ -110,6 +113,7 @@ class EventConstants:
     dense_events: int = 100
     dense_within: float = 1e-3
     many_events: int = 10_000
+    share_of_steps: float = 0.25
     max_crawls: int = 5
     steps_in_chart: int = 5000
     steps_ahead: int = 3000

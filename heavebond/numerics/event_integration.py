@@ -25,6 +25,7 @@ from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
 from heavebond.numerics.delays import DELAYS, Delays, Stretch
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.fixed_step import STEP_CASCADES, WINDOW
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.jumps import PointSensitivity
 from heavebond.numerics.looks import LookAhead, Looks
@@ -81,15 +82,15 @@ class EventIntegration:
     integrals. `build` makes a named integrator with stops; `solver` is the name of the first. With `changes` the alternative
     solver continues if one fails (see `other`). With `dense` points between the stops are kept. At the `kinks` of functions
     of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs of many
-    samples.
+    samples. `step` is the length of the steps of solvers without error control, else 0.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False,
-                 kinks: Array | None = None, delays: Delays | None = None, sampled: Make | None = None):
+                 kinks: Array | None = None, delays: Delays | None = None, sampled: Make | None = None, step: float = 0.0):
         self.delays, self._make_sampled = delays, sampled
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
-        self.dense = dense
+        self.dense, self.step, self.window = dense, step, 1
         self.failures = Failures(0)
         self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
         self._framed, self._frames = framed, {id(charts.home): framed(charts.home)}
@@ -353,6 +354,8 @@ class EventIntegration:
 
     def _until(self, state: EventState, limit: float, record: Record) -> EventState:
         """Integrate to a time through the events of conditions on the way, and record the points."""
+        if self.step:
+            return self._until_by_steps(state, limit, record)
         ahead, halvings = self.ahead, 0
         ahead.restart(self.changes)
         while state.t < limit - self.same:
@@ -387,6 +390,63 @@ class EventIntegration:
             state = replace(state, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
             state = replace(state, true=self._true(state))
             halvings = max(halvings - 1, 0)
+        return state
+
+    def _until_by_steps(self, state: EventState, limit: float, record: Record) -> EventState:
+        """Integrate to a time by steps that end at multiples of their length, and at that time. A condition that is true at
+        the end of a step, and was not at its begin, sets off its event there."""
+        begin, window = float(self.stops[0]), self.window
+        while state.t < limit - self.same:
+            check()
+            k = int(np.floor((state.t - begin + self.same) / self.step))
+            times = begin + self.step * np.arange(k + 1, k + 1 + window)
+            times = np.append(times[times < limit - self.same], limit) if times[-1] >= limit - self.same else times
+            steps = state.frame.steps_by(self.solver)
+            at = np.append(state.t, times)
+            inputs = self._inputs(at[1:] - self.same if self.solver == "backward-euler" else at[:-1] + self.same)
+            y, z = np.empty((len(state.y), len(at))), np.empty((len(state.z), len(at)))
+            y[:, 0], z[:, 0] = state.y, state.z
+            for n, (t, h) in enumerate(zip((at[:-1] - begin).tolist(), np.diff(at).tolist(), strict=True)):
+                y[:, n + 1], z[:, n + 1] = steps.step(t, y[:, n], z[:, n], state.given, inputs[:, n], h)
+            reached, met = len(times), np.zeros(0, int)
+            if self.conditions:
+                x, inner, u = self._columns(state.frame, at, y, z)
+                values = state.frame.equations.indicators(at, x, inner, state.p, u)[0]
+                was = np.column_stack([state.true, (values[:, 1:-1] > 0) & ~self.breakaways[:, None]])
+                now = (values[:, 1:] > 0) & ~was
+                if now.any():
+                    reached = int(np.argmax(now.any(axis=0))) + 1
+                    met = np.flatnonzero(now[:, reached - 1])
+            record.steps += reached
+            # what is computed beyond an event is lost
+            self.window = window = min(2 * window, WINDOW) if reached == len(times) else max(reached, 1)
+            for n in range(reached):
+                inside = self.stops[(self.stops > at[n] + self.same) & (self.stops < at[n + 1] - self.same)]
+                if len(inside):
+                    shares = (inside - at[n]) / (at[n + 1] - at[n])
+                    inner_y = steps.between(at[n] - begin, (y[:, n], y[:, n + 1]), z[:, n], state.given, inputs[:, n],
+                                            float(at[n + 1] - at[n]), shares)
+                    inner_z = z[:, n, None] + shares * (z[:, n + 1] - z[:, n])[:, None]
+                    record.write(state, inside, inner_y, inner_z)
+            record.write(state, times[:reached], y[:, 1:], z[:, 1:])
+            state = replace(state, t=float(times[reached - 1]), y=y[:, reached], z=z[:, reached])
+            if len(met):
+                late, before = np.zeros(state.blocks - 1), values[:, reached]
+                for _ in range(STEP_CASCADES):
+                    state = self._happen(state, [self.conditions[c] for c in met], [late for _ in met], record)
+                    # a count that advanced by several in the step: the event has brought its condition nearer to its end
+                    after = self._indicators(state)[0]
+                    met = np.array([c for c in met if 0 < after[c] < before[c]], int)
+                    if not len(met):
+                        break
+                    before = after
+                else:
+                    names = either(self.home.equations.events[self.conditions[c]].name for c in met)
+                    raise SimulationError([Problem(
+                        "event-steps", f"{names} happens more than {STEP_CASCADES} times in the step of {self.step:g} s to "
+                        f"t = {state.t:.6g} s", None, "Make the step shorter.")])
+            else:
+                state = replace(state, true=self._true(state))
         return state
 
     def _passed(self, state: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:

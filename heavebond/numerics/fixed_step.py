@@ -5,6 +5,11 @@ multiples of the step from the start of the run. Values at output times between 
 Runge-Kutta by the cubic polynomial with the values and rates at both ends. E. Hairer, S. P. Nørsett and G. Wanner, Solving
 Ordinary Differential Equations I, 1993, II.1 and II.6; E. Hairer and G. Wanner, II, 1996, IV.3.
 
+In a diagram with events, an event at a known time, such as a sample, ends a step at that time, and a shorter step leads to
+the next multiple. A condition is evaluated at the ends of the steps: its event happens at the end of the step in which it
+becomes true, so that the error of a run is of order 1. An event that brings its condition nearer to its end without
+reaching it, such as the count of an encoder, happens again at once.
+
 A step h of an explicit method multiplies a motion exp(lambda t) by R(h lambda), with the stability function R (1 + z for
 Euler's method). If Re lambda <= 0 and |R(h lambda)| > 1, a motion that decays grows instead. The eigenvalues lambda of the
 Jacobian matrix at some points of the run therefore give the limit of stability of the step.
@@ -12,6 +17,7 @@ Jacobian matrix at some points of the run therefore give the limit of stability 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -24,6 +30,8 @@ from heavebond.numerics.dae import Array, Integrand
 MOST_STEPS = 100_000_000  # some minutes
 # Share of a step that is rounding: a stop that is no further from the end of a step is this end.
 SAME = 1e-6
+WINDOW = 64  # steps of a run with events after which its conditions are evaluated for all of them at once
+STEP_CASCADES = 10_000  # times that an event may happen at the end of one step, such as the count of an encoder
 # Newton's method of backward Euler ends when its last change, in nominal sizes and relative to larger values, is below this:
 # it converges quadratically, so that the error is then of rounding.
 CONVERGED = 1e-10
@@ -54,17 +62,9 @@ class FixedStep:
         self._rates = Buffered(rates)
         self._implicit, self._cubic = solver == "backward-euler", solver == "rk4"
         if self._implicit:
-            before, both = ca.SX.sym("before", x.numel()), ca.vertcat(x, z)
-            residual = ca.vertcat(x - before - h * dae["ode"], dae["alg"])
-            self._next = Buffered(ca.Function("residual", [t, before, both, p, u], [
-                ca.densify(residual), ca.densify(ca.jacobian(residual, both))]))
+            self._next = Buffered(_residual(dae, h, []))
             return
-        slope = first = rates(t, x, z, p, u)
-        if self._cubic:
-            second = rates(t + h / 2, x + h / 2 * first, z, p, u)
-            third = rates(t + h / 2, x + h / 2 * second, z, p, u)
-            slope = (first + 2 * second + 2 * third + rates(t + h, x + h * third, z, p, u)) / 6
-        self._next = Buffered(ca.Function("step", [t, x, z, p, u], [ca.densify(x + h * slope)]))
+        self._next = Buffered(ca.Function("step", [t, x, z, p, u], [ca.densify(_explicit(solver, dae, rates, h))]))
         if x.numel() <= LARGE:
             self._jacobian = Buffered(ca.Function("jacobian", [t, x, z, p, u], [ca.densify(ca.jacobian(dae["ode"], x))]))
 
@@ -141,14 +141,73 @@ class FixedStep:
     def _solved(self, t: float, before: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
         """The states and algebraic unknowns at the end of a step of backward Euler, by Newton's method from those at its
         begin."""
-        both = np.concatenate([before, z])
-        for _ in range(MOST_ITERATIONS):
-            step = self._next(t, before, both, p, u)
-            try:
-                change = np.linalg.solve(step["o1"], -step["o0"].ravel())
-            except np.linalg.LinAlgError:
-                raise RuntimeError(f"the equations of the step to t = {t:.6g} are singular") from None
-            both = both + change
-            if np.all(np.abs(change) <= CONVERGED * (1 + np.abs(both))):
-                return both[:len(before)], both[len(before):]
-        raise RuntimeError(f"Newton's method does not converge in the step to t = {t:.6g}")
+        return _solved(lambda both: self._next(t, before, both, p, u), t, before, z)
+
+
+class Steps:
+    """Single steps of a length that may differ from step to step, for runs with events. RuntimeError as in `FixedStep`."""
+
+    def __init__(self, solver: str, integrand: Integrand):
+        dae, h = integrand.dae, ca.SX.sym("h")
+        t, x, z, p, u = (dae[name] for name in ("t", "x", "z", "p", "u"))
+        rates = ca.Function("rates", [t, x, z, p, u], [dae["ode"]])
+        self._rates, self.solver = Buffered(rates), solver
+        self._next = Buffered(_residual(dae, h, [h])) if solver == "backward-euler" else Buffered(
+            ca.Function("step", [t, x, z, p, u, h], [ca.densify(_explicit(solver, dae, rates, h))]))
+
+    def step(self, t: float, x: Array, z: Array, p: Array, u: Array, h: float) -> tuple[Array, Array]:
+        """The states and algebraic unknowns a step h after t; u are the inputs at the instant that the method reads."""
+        if self.solver == "backward-euler":
+            x, z = _solved(lambda both: self._next(t + h, x, both, p, u, h), t + h, x, z)
+        else:
+            x = self._next(t, x, z, p, u, h)["o0"].ravel().copy()
+        if not np.all(np.isfinite(x)):
+            raise RuntimeError(f"a value became infinite or not a number at t = {t + h:.6g}")
+        return x, z
+
+    def between(self, t: float, ends: tuple[Array, Array], z: Array, p: Array, u: Array, h: float, shares: Array) -> Array:
+        """The states (n_x, k) at shares of a step between its `ends`: linear, for Runge-Kutta by the cubic polynomial with
+        the rates at both ends."""
+        before, after = ends
+        change = (after - before)[:, None]
+        inner = before[:, None] + shares * change
+        if self.solver == "rk4":
+            first, last = (h * self._rates(at, x, z, p, u)["o0"].ravel()[:, None].copy() - change
+                           for at, x in ((t, before), (t + h, after)))
+            inner = inner + shares * (1 - shares) * ((1 - shares) * first - shares * last)
+        return np.asarray(inner)
+
+
+def _explicit(solver: str, dae: dict[str, ca.SX], rates: ca.Function, h: float | ca.SX) -> ca.SX:
+    """The states after a step h of an explicit method."""
+    t, x, z, p, u = (dae[name] for name in ("t", "x", "z", "p", "u"))
+    slope = first = rates(t, x, z, p, u)
+    if solver == "rk4":
+        second = rates(t + h / 2, x + h / 2 * first, z, p, u)
+        third = rates(t + h / 2, x + h / 2 * second, z, p, u)
+        slope = (first + 2 * second + 2 * third + rates(t + h, x + h * third, z, p, u)) / 6
+    return x + h * slope
+
+
+def _residual(dae: dict[str, ca.SX], h: float | ca.SX, more: list[ca.SX]) -> ca.Function:
+    """The residual of a step of backward Euler and its Jacobian; `more` are further arguments."""
+    t, x, z, p, u = (dae[name] for name in ("t", "x", "z", "p", "u"))
+    before, both = ca.SX.sym("before", x.numel()), ca.vertcat(x, z)
+    residual = ca.vertcat(x - before - h * dae["ode"], dae["alg"])
+    return ca.Function("residual", [t, before, both, p, u, *more], [
+        ca.densify(residual), ca.densify(ca.jacobian(residual, both))])
+
+
+def _solved(system: Callable[[Array], Mapping[str, Array]], t: float, before: Array, z: Array) -> tuple[Array, Array]:
+    """The states and algebraic unknowns at the end of a step of backward Euler, by Newton's method."""
+    both = np.concatenate([before, z])
+    for _ in range(MOST_ITERATIONS):
+        step = system(both)
+        try:
+            change = np.linalg.solve(step["o1"], -step["o0"].ravel())
+        except np.linalg.LinAlgError:
+            raise RuntimeError(f"the equations of the step to t = {t:.6g} are singular") from None
+        both = both + change
+        if np.all(np.abs(change) <= CONVERGED * (1 + np.abs(both))):
+            return both[:len(before)], both[len(before):]
+    raise RuntimeError(f"Newton's method does not converge in the step to t = {t:.6g}")

@@ -26,7 +26,7 @@ from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.placeholders import depends_on_placeholder, lawless_parts
 from heavebond.numerics.pointwise import undetermined
-from heavebond.numerics.run_verdict import DENSE, JUMP, NOT_BECOME, Finding, Verdict
+from heavebond.numerics.run_verdict import ALTERNATES, DENSE, JUMP, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged, without_value
 from heavebond.records.saved_runs import SavedRun, Signals, write_run
@@ -263,9 +263,15 @@ class Result(facade.Displayed):
             lengths = np.asarray(times)[most - 1:] - np.asarray(times)[:len(times) - most + 1]
             k = int(lengths.argmin())
             dense = most == EVENTS.dense_events and lengths[k] < EVENTS.dense_within * span
-            if dense or len(times) >= EVENTS.many_events:
+            # at a fixed step, conditions that alternate from step to step
+            fixed_step = "step" in self.statistics
+            steps = self.statistics.get("nsteps")
+            each_step = fixed_step and isinstance(steps, int) and len(times) >= max(most, EVENTS.share_of_steps * steps)
+            dense = dense and not fixed_step
+            if dense or each_step or len(times) >= EVENTS.many_events:
                 rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
-                findings.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
+                findings.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s",
+                                        ALTERNATES if each_step else DENSE))
         return findings
 
     def _reversed(self) -> list[Finding]:

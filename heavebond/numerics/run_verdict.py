@@ -24,7 +24,11 @@ NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `ini
               "before it is true")
 DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
          "give the driven part an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
-         "instead of an event for each edge. If the machine needs these events, shorten the run")
+         "instead of an event for each edge. If the machine needs these events, shorten the run, or "
+         "let them act at the ends of fixed steps (`--solver rk4 --step '1 ms'`)")
+ALTERNATES = ("its conditions alternate at the ends of the steps, so that the run depends on the step. Replace a friction "
+              "that jumps by DryFriction, widen the band of a switch, give the law a width (smooth_sign), or sample the "
+              "counts of an encoder (`Encoder`, `Quantiser`)")
 JUMP = ("The values of the run are right. Let the condition of `{}` happen as an event, which sensitivities pass exactly: a "
         "Switch, Comparator or Relay, a DryFriction for friction, or `when:` in a component; or smooth it (smooth_sign)")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
@@ -185,14 +189,18 @@ class Verdict:
 
 
 def verdict(findings: Sequence[Finding]) -> Verdict:
-    """The verdict on a run: the worst finding of each variable at its first time, failures first, then by time (growth,
-    which has no beginning, last)."""
+    """The verdict on a run: the worst finding of each variable at its first time, failures first, then by time (growth
+    and a step without error control, which have no beginning, last)."""
     order = list(KINDS)
     worst: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: (order.index(f.kind), f.time)):
         worst.setdefault(f.name, f)
+
+    def last(f: Finding) -> bool:
+        return f.kind == "growth" or (f.kind == "fixed-step" and f.limit is None)
+
     return Verdict(tuple(sorted(worst.values(), key=lambda f: (
-        not f.failed, order.index(f.kind) if f.failed else f.kind == "growth", f.time))))
+        not f.failed, order.index(f.kind) if f.failed else last(f), f.time))))
 
 
 # The verdicts of the runs that a command made, by the name of the run; None where nobody listens.

@@ -232,7 +232,8 @@ class Simulator:
                 same_instant(float(self.stops[0]), float(self.stops[-1])))
 
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes, self.dense, self.kinks, delays, None if self.asked else sampled)
+                                changes, self.dense, np.zeros(0) if self.step else self.kinks, delays,
+                                None if self.asked else sampled, self.step)
 
     @cached_property
     def integrand(self) -> Integrand:

@@ -94,13 +94,14 @@ def _check(name: str, assembly: Assembly, changes_states: bool) -> None:
         raise UsageError([algebraic_left(algebraic, place, name)])
     if name != "rosenbrock" and name not in FIXED_STEP:
         return
-    if assembly.flat.events or assembly.flat.delays or changes_states:
-        feature = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else \
-            "may change its states along a run (a mechanism that turns over)"
+    fixed = name in FIXED_STEP
+    if (assembly.flat.events and not fixed) or assembly.flat.delays or changes_states:
+        feature = "has events" if assembly.flat.events and not fixed else "has delayed variables" if assembly.flat.delays \
+            else "may change its states along a run (a mechanism that turns over)"
         alternative = "idas" if assembly.algebraic_names else "cvodes"
         raise UsageError([Problem(
             "solver-cut", f"{name} cannot run this diagram: it {feature}", place, RETYPE.format(alternative) + ".",
-            ("Its steps are those of its grid; an event between two steps would be missed." if name in FIXED_STEP else
+            ("Its steps are those of its grid." if fixed else
              "It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
     if name == "rosenbrock" and machine_code.compiler() is None:
         raise UsageError([Problem(

@@ -14,6 +14,7 @@ from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly, Integrand
 from heavebond.numerics.dynamic_state_selection import StateChoice
+from heavebond.numerics.fixed_step import Steps
 from heavebond.numerics.jumps import EventEquations, PointSensitivity
 from heavebond.numerics.solvers import Integrator
 from heavebond.numerics.start_equations import Point
@@ -106,6 +107,7 @@ class Frame:
     made: Integrand
     loops: ca.Function | None
     integrators: dict[tuple[str, int, bool, float], Integrator] = field(default_factory=dict)
+    steps: list[Steps] = field(default_factory=list)
 
     @cached_property
     def hoist(self) -> Buffered:
@@ -116,6 +118,12 @@ class Frame:
     def assembly(self) -> Assembly:
         """The assembly of this choice of states."""
         return self.chart.assembly
+
+    def steps_by(self, solver: str) -> Steps:
+        """Single steps of a solver with a fixed step, in the time after the begin of the run."""
+        if not self.steps or self.steps[0].solver != solver:
+            self.steps[:] = [Steps(solver, self.made)]
+        return self.steps[0]
 
     def longest_in(self, n: int, interval: float) -> float:
         """The longest step in scaled time over n intervals (s) of a stretch; 0 for no limit. A power of two, so that
