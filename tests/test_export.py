@@ -348,3 +348,31 @@ def test_the_command_tells_what_it_wrote(folder: Path) -> None:
     assert "der(deck.u)" in answer.stdout
     assert "wrote m.fmu" in answer.stdout
     assert zipfile.is_zipfile(folder / "m.fmu")
+
+
+@compiled
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_has_a_picture_documentation_a_licence_and_local_variables(version: int, tmp_path: Path) -> None:
+    from lxml import etree
+
+    path, model = tmp_path / "driven.fmu", hb.loads(DRIVEN)
+    exported = hb.export(model, path, fmi=version, inputs=["deck.u"], locals=["spring.F", "load.x"], picture=hb.draw(model))
+    assert exported.locals == 1  # load.x is a state
+    assert validate_fmu(str(path)) == []
+    local = {v.name: v.causality for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert local["spring.F"] == "local"
+    found = fmpy.simulate_fmu(str(path), output=["spring.F"], stop_time=1, output_interval=0.1, start_values={"deck.u": 0.1})
+    assert found["spring.F"][-1] != 0
+    with zipfile.ZipFile(path) as archive:
+        names, page = set(archive.namelist()), archive.read("documentation/index.html").decode()
+        assert "<td>deck.u</td><td>m</td>" in page and "spring.d" in page
+        assert b"MIT License" in archive.read("documentation/licenses/license.txt")
+        icons = {"terminalsAndIcons/icon.png", "terminalsAndIcons/icon.svg"} if version == 3 else {"model.png"}
+        assert {*icons, "documentation/diagram.svg"} <= names
+        if version == 3:
+            schema = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
+            terminals = etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
+            etree.XMLSchema(etree.parse(str(schema))).assertValid(terminals)
+            assert [t.get("name") for t in terminals.iter("Terminal")] == ["deck.u", "outputs"]
+    with pytest.raises(hb.UsageError, match=r"no variable 'spring\.G'"):
+        hb.export(model, path, locals=["spring.G"])

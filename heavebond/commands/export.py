@@ -39,6 +39,8 @@ SCHEMA = "heavebond.schema.json"
 @click.option("--cross", is_flag=True,
               help="Put binaries for Windows, macOS and Linux (x86-64 and arm64) into the FMU; needs `pip install "
                    "'heavebond[cross]'`.")
+@click.option("--local", "local_variables", metavar="VARIABLE", multiple=True,
+              help="Add a variable of the diagram to an FMU as a local variable, e.g. --local spring.F. May be repeated.")
 @click.option("--step", metavar="TIME",
               help="Write model.c as a program with this fixed step for real time, e.g. --step '1 ms', with a header and a "
                    "runner.")
@@ -50,8 +52,9 @@ SCHEMA = "heavebond.schema.json"
 @set_option
 @native_option
 @json_option
-def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool, step: str | None,
-           solver: str | None, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
+def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool,
+           local_variables: tuple[str, ...], step: str | None, solver: str | None, inputs: tuple[str, ...],
+           settings: tuple[str, ...]) -> dict[str, object]:
     """Write the diagram MODEL as an FMU, as C or as a flat Modelica model.
 
     The file has its states, parameters, inputs, and the outputs under `show:`.
@@ -74,12 +77,23 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
     from heavebond.language.model import load
 
     check_writable(output, SUFFIXES)
+    if local_variables and output.suffix.lower() != ".fmu":
+        raise UsageError([Problem("local-unused", f"local variables are for FMUs; '{output}' is not one", None,
+                                  f"Write {output.stem}.fmu, or leave out --local.")])
     with blamed_on_settings(settings), terminal.working("writing"):
-        exported = export_to(with_settings(load(model), settings), output, inputs=inputs, fmi=int(version),
-                             cross=cross, solver=solver, step=step)
+        diagram, picture = with_settings(load(model), settings), ""
+        if output.suffix.lower() == ".fmu":
+            from heavebond.pictures.drawing import draw
+
+            picture = draw(diagram)
+        exported = export_to(diagram, output, inputs=inputs, fmi=int(version), cross=cross, solver=solver, step=step,
+                             locals=local_variables, picture=picture)
     console = terminal.output()
     tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
-    groups = {"inputs": exported.inputs, "outputs": exported.outputs, "states": exported.states,
+    local = exported.locals if isinstance(exported, Portable) else 0
+    outputs = exported.outputs[:len(exported.outputs) - local]
+    groups = {"inputs": exported.inputs, "outputs": outputs, "local variables": exported.outputs[len(outputs):],
+              "states": exported.states,
               "algebraic unknowns": exported.algebraic,
               "parameters": tunable}
     console.print(terminal.table(exported.name, ("", "name", "unit", "start"), [

@@ -19,13 +19,14 @@ SUFFIXES = (".fmu", ".c", ".mo")
 
 def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), fmi: int = 3,
            parameters: Mapping[str, float | str] | None = None, cross: bool = False, solver: str | None = None,
-           step: Time | None = None) -> Portable | ModelicaExport:
+           step: Time | None = None, locals: Iterable[str] = (), picture: str = "") -> Portable | ModelicaExport:
     """Write a diagram as an FMU (.fmu, needs a C compiler), as C (.c) or as a Modelica model (.mo) to `path`.
 
     `model` is a diagram, or the path or bundled name of one, `parameters` overrides its values by name. Measured inputs, and
     the signal inputs that are named in `inputs`, become inputs of the exported model; the outputs are those under `show:`.
     `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation; with `cross` it has binaries for Windows,
-    macOS and Linux (x86-64 and arm64). With a fixed `step` (s or text, as `"1 ms"`) and a `solver` (euler, rk4,
+    macOS and Linux (x86-64 and arm64), `locals` are variables of the diagram that it has as local variables, and `picture`,
+    such as `hb.draw(model)`, is its icon. With a fixed `step` (s or text, as `"1 ms"`) and a `solver` (euler, rk4,
     backward-euler or rosenbrock, the default), the C is a program for real time, with a header and a runner. Returns the
     exported equations with their quantities, in SI. Raises UsageError for another suffix, without a compiler, and for a step
     or a method that does not suit the diagram, ModelError for an invalid diagram or one with FMUs, and for a part that
@@ -48,6 +49,6 @@ def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), 
             return export_real_time(diagram, path, inputs, solver, step)
         if path.suffix.lower() == ".c":
             return export_c(diagram, path, inputs)
-        return export_fmu(diagram, path, inputs, fmi, cross=cross)
+        return export_fmu(diagram, path, inputs, fmi, cross=cross, locals=locals, picture=picture)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None

@@ -23,7 +23,9 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from html import escape
 from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
@@ -53,19 +55,47 @@ TARGETS = {"x86_64-linux-gnu.2.17": ("x86_64-linux", "linux64", ".so"),
            "aarch64-macos.11.0": ("aarch64-darwin", "aarch64-darwin", ".dylib")}
 STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of every file in the archive, so that the same diagram gives the same bytes
 VERSIONS = (2, 3)
+ICON = 640  # pixels of the width of the picture
+STYLE = "body{font:14px sans-serif;margin:2em;max-width:60em}td,th{text-align:left;padding:0 1em 0 0}img{max-width:100%}"
+LICENCE = """The solver, the interface to FMI and the equations of the components in this FMU are
+parts of heavebond, under the following licence. It does not apply to the model.
+
+MIT License
+
+Copyright (c) 2026 The heavebond authors
+
+Permission is hereby granted, free of charge, to any person obtaining a copy
+of this software and associated documentation files (the "Software"), to deal
+in the Software without restriction, including without limitation the rights
+to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+copies of the Software, and to permit persons to whom the Software is
+furnished to do so, subject to the following conditions:
+
+The above copyright notice and this permission notice shall be included in all
+copies or substantial portions of the Software.
+
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR
+IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY,
+FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER
+LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
+OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE
+SOFTWARE.
+"""
 STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 
 
-def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3, *, cross: bool = False
-               ) -> Portable:
-    """Write an FMU of FMI 2.0 or 3.0, for this platform or, with `cross`, for all `TARGETS`; UsageError without a C
-    compiler, ModelError for a diagram with FMUs."""
+def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3, *, cross: bool = False,
+               locals: Iterable[str] = (), picture: str = "") -> Portable:
+    """Write an FMU of FMI 2.0 or 3.0, for this platform or, with `cross`, for all `TARGETS`; `locals` are variables of the
+    diagram that are local variables of the FMU, `picture` is the text of an SVG file for its icon and its documentation.
+    UsageError without a C compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
         raise UsageError([Problem("fmi-version", f"FMI {version}.0 is not supported", None, "Choose 2 or 3.")])
     compilers = {platform_of(version): [find_compiler()]} if not cross else {
         (folders[version == 2], folders[2]): [*_cross_compiler(), "-target", target, "-fno-sanitize=all", "-s"]
         for target, folders in TARGETS.items()}
-    exported = portable(model, inputs, "model_", events=True)
+    exported = portable(model, inputs, "model_", events=True, locals=locals)
     source = c_text(exported, "model", whole=True)
     names = (f"fmi{version}.c", "fmu_core.c", "run.c", "rosenbrock.c", "history_memory.c", "values.c", "fmu_start.c",
              "history.c", "fmu_events.c", "variable_step.c")
@@ -77,6 +107,8 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
              **{f"sources/{name}": text.encode() for name, text in wrappers.items()}}
     if version == 3:
         files["sources/buildDescription.xml"] = _build_description(identifier)
+        files["terminalsAndIcons/terminalsAndIcons.xml"] = _terminals(exported, picture)
+    files |= _documents(exported, picture, version)
     for (folder, suffix), compiler in compilers.items():
         files[f"binaries/{folder}/{identifier}{suffix}"] = _compiled(compiler, source, wrappers, version)
     with new_file(path) as fresh, zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -140,6 +172,78 @@ def _build_description(identifier: str) -> bytes:
     files = Xml.SubElement(configuration, "SourceFileSet", {"language": "C99"})
     Xml.SubElement(files, "SourceFile", {"name": "fmi3.c"})  # which includes the others
     return xml_bytes(root)
+
+
+def _terminals(exported: Portable, svg: str) -> bytes:
+    """A terminal for each input, with its derivative if there is one, and one for all outputs."""
+    root = Xml.Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
+    if svg:
+        picture = Xml.SubElement(root, "GraphicalRepresentation")
+        size = re.search(r'viewBox="[-0-9.]+ [-0-9.]+ ([0-9.]+) ([0-9.]+)"', svg)
+        height = f"{100 * float(size[2]) / float(size[1]):.4g}" if size and float(size[1]) > 0 else "100"
+        corners = {"x1": "-100", "y1": f"-{height}", "x2": "100", "y2": height}
+        Xml.SubElement(picture, "CoordinateSystem", {**corners, "suggestedScalingFactorTo_mm": "0.1"})
+        Xml.SubElement(picture, "Icon", corners)
+    terminals = Xml.SubElement(root, "Terminals")
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for q in exported.inputs:
+        orders, plain = q.name.count("der("), q.name.replace("der(", "").rstrip(")")
+        groups.setdefault(plain, []).append((q.name, "value" if not orders else f"derivative_{orders}"))
+    if outputs := [(name, q.name) for name, q in shown_outputs(exported)]:
+        groups["outputs"] = outputs
+    for name, members in groups.items():
+        terminal = Xml.SubElement(terminals, "Terminal", {"name": name, "matchingRule": "bus"})
+        for variable, member in members:
+            Xml.SubElement(terminal, "TerminalMemberVariable", {"variableName": variable, "memberName": member,
+                                                                "variableKind": "signal"})
+    if not groups:
+        root.remove(terminals)
+    return xml_bytes(root)
+
+
+def shown_outputs(exported: Portable) -> list[tuple[str, Quantity]]:
+    """The outputs with their names in an FMU: an output may have the name of a state or a parameter, which FMI does not
+    allow."""
+    taken = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
+    taken |= {held.name for held in exported.held.values()}
+    outputs = exported.outputs[:len(exported.outputs) - exported.locals]
+    return [(f"show.{q.name}" if q.name in taken else q.name, q) for q in outputs]
+
+
+def _documents(exported: Portable, picture: str, version: int) -> dict[str, bytes]:
+    """The picture, the documentation and the licence by their names in an FMU. A picture as PNG needs CairoSVG; without it,
+    an FMU of FMI 2.0 has no icon, and one of FMI 3.0 a picture as SVG only."""
+    files = {"documentation/licenses/license.txt": LICENCE.encode()}
+    model, rows = exported.assembly.model, list[str]()
+    if picture:
+        files["documentation/diagram.svg"] = picture.encode()
+        if version == 3:
+            files["terminalsAndIcons/icon.svg"] = picture.encode()
+        with suppress(ImportError, OSError):
+            import cairosvg
+
+            png = bytes(cairosvg.svg2png(picture.encode(), output_width=ICON, background_color="white"))
+            files["terminalsAndIcons/icon.png" if version == 3 else "model.png"] = png
+    tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
+    for title, group in (("Inputs", [(q.name, q) for q in exported.inputs]), ("Outputs", shown_outputs(exported)),
+                         ("Parameters", [(q.name, q) for q in tunable])):
+        if group:
+            cells = "\n".join(f"<tr><td>{escape(name)}</td><td>{escape(q.unit.text)}</td><td>{q.start:.6g}</td>"
+                              f"<td>{escape(q.doc)}</td></tr>" for name, q in group)
+            rows.append(f"<h2>{title}</h2>\n<table>\n<tr><th>name</th><th>unit</th><th>start</th><th></th></tr>\n{cells}\n"
+                        "</table>")
+    components = {leaf.component.name: leaf.component for leaf in exported.assembly.flat.expanded.leaves.values()}
+    limits = "\n".join(f"<li>{escape(name)}: {escape(c.restrictions)}</li>" for name, c in components.items()
+                       if c.restrictions)
+    if limits:
+        rows.append(f"<h2>Restrictions of the components</h2>\n<ul>\n{limits}\n</ul>")
+    drawing = '<p><img src="diagram.svg" alt="diagram"></p>\n' if picture else ""
+    files["documentation/index.html"] = (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{escape(model.name)}</title>\n<style>{STYLE}'
+        f"</style></head>\n<body>\n<h1>{escape(model.name)}</h1>\n<p>{escape(model.summary)}</p>\n{drawing}"
+        + "\n".join(rows) + f"\n<p>Exported by heavebond {VERSION}. <code>licenses/license.txt</code> contains the licence "
+        "of the parts of heavebond in this file.</p>\n</body>\n</html>\n").encode()
+    return files
 
 
 def description(exported: Portable, identifier: str, token: str, version: int = 3) -> bytes:
@@ -224,8 +328,6 @@ class _Variables3:
 
     def write(self, exported: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
         """All variables."""
-        names = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
-        names |= {held.name for held in exported.held.values()}
         self.add("time", 0, "independent", "continuous", description="time in s")
         first, n_x = 1, len(exported.states)
         # values that the initialisation may change
@@ -246,12 +348,13 @@ class _Variables3:
         for k, q in enumerate(exported.inputs):
             self.add(q.name, first + k, "input", "continuous", **_told(q))
         first += len(exported.inputs)
-        for k, q in enumerate(exported.outputs):
-            # an output may have the name of a state or a parameter, which FMI does not allow
-            name = f"show.{q.name}" if q.name in names else q.name
+        shown = shown_outputs(exported)
+        for k, (name, q) in enumerate(shown):
             self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
                      description=q.doc)
-        outputs = list(range(first, first + len(exported.outputs)))
+        for k, q in enumerate(exported.outputs[len(shown):], len(shown)):
+            self.add(q.name, first + k, "local", "continuous", initial="calculated", unit=unit_name(q.unit))
+        outputs = list(range(first, first + len(shown)))
         self.structured(solved, list(range(1 + n_x, 1 + 2 * n_x)), outputs,
                         self.conditions(exported, first + len(exported.outputs)))
 

@@ -7,7 +7,7 @@ input too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import factorial, inf
@@ -120,6 +120,7 @@ class Portable:
         return brief(self, self.name, f"{count(len(self.states), 'state')}, {count(len(self.inputs), 'input')}, "
                      f"{count(len(self.outputs), 'output')}, {count(sum(self.tunable), 'parameter')}")
     stops: ca.Function | None = None
+    locals: int = 0  # number of the last outputs, which an FMU describes as local variables
 
     @property
     def events(self) -> tuple[FlatEvent, ...]:
@@ -152,11 +153,13 @@ class Portable:
         return self.assembly.model.name
 
 
-def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, events: bool = False) -> Portable:
+def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, events: bool = False, locals: Iterable[str] = ()
+             ) -> Portable:
     """The equations of a diagram, started by its initial conditions, with the signal inputs `inputs` opened; the names of
     the functions begin with `prefix`.
 
-    The sources of these inputs in the diagram give their values at the start only. Unless `events`, a diagram whose only
+    The sources of these inputs in the diagram give their values at the start only. `locals` are variables that follow the
+    outputs, in SI. Unless `events`, a diagram whose only
     events are comparisons with the time has none in its equations. Raises UsageError for an unknown input, ModelError for
     a diagram with FMUs.
     """
@@ -201,8 +204,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     if events and stops:
         flat = replace(assembly.flat, events=(*assembly.flat.events, *stops), options=None)
         assembly = replace(assembly, reduced=replace(assembly.reduced, flat=flat), memo={})
-    return replace(_portable(assembly, column, prefix), stops=ca.Function(f"{prefix}stops", [assembly.arguments[3]], [
-        ca.densify(stack(e.first for e in stops))]))
+    instants = ca.Function(f"{prefix}stops", [assembly.arguments[3]], [ca.densify(stack(e.first for e in stops))])
+    return replace(_portable(assembly, column, prefix, tuple(locals)), stops=instants)
 
 
 def _sizes(assembly: Assembly) -> Mapping[str, Size]:
@@ -253,10 +256,17 @@ def opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
 
 
 # -- equations -------------------------------------------------------------------------------------------------------
-def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
+def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[str] = ()) -> Portable:
     flat, first = assembly.flat, start(assembly, None, column)
     t, x, z, p, pieces, rate = assembly.arguments
     output_names = list(assembly.model.show) or assembly.state_names
+    for name in locals:
+        if name not in flat.names:
+            raise UsageError([Problem("local-unknown", f"the diagram has no variable '{name}'", None,
+                                      suggest(name, flat.names) or "`heavebond check MODEL --names` lists all of them.")])
+    shown = {*output_names, *assembly.state_names}
+    hidden = [name for name in dict.fromkeys(locals) if name not in shown]
+    output_names += hidden
     outputs = stack([signal_expression(assembly, n) for n in output_names])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
@@ -303,7 +313,7 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
                     tuple(_input(assembly, k, order, column) for k, order in kept_inputs),
                     tuple(_outputs(assembly, output_names, outputs, first, column)), equations, directions, by_all,
                     happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits,
-                    histories)
+                    histories, locals=len(hidden))
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
@@ -372,11 +382,13 @@ def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
     return Quantity(name, derived(known.unit, order), value, doc)
 
 
-def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first: Start, column: Array
+def _outputs(assembly: Assembly, names: Sequence[str], expressions: ca.SX, first: Start, column: Array
              ) -> Iterable[Quantity]:
     values = ca.Function("y", list(assembly.arguments), [expressions])(first.t, first.x, first.z, first.p, column, 1.0)
     units = dict(zip(assembly.state_names, (derived(assembly.flat.unknowns[j].unit, order)
                                             for j, order in assembly.reduced.states), strict=True))
+    units |= {name: assembly.flat.unknowns[assembly.flat.names[name]].unit for name in names
+              if name not in units and name in assembly.flat.names}
     for name, value in zip(names, np.array(values).ravel(), strict=True):
         shown_output = assembly.model.show.get(name)
         yield Quantity(name, read_unit(shown_output.unit) if shown_output else units[name], float(value),
