@@ -136,7 +136,8 @@ ARM = (f'<robot name="arm"><link name="base"/><link name="boom">{BODY}</link>\n<
        '<parent link="base"/><child link="boom"/><axis xyz="0 1 0"/></joint></robot>')
 END, SECOND = "</robot>", '<joint name="two" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
 MISTAKES = {
-    "": "urdf-xml", "<robot><link></robot>": "urdf-xml", '<!DOCTYPE x [<!ENTITY a "b">]>\n' + ARM: "urdf-doctype",
+    "": "urdf-xml", "arm": "urdf-xml", "<robot><link></robot>": "urdf-xml",
+    '<!DOCTYPE x [<!ENTITY a "b">]>\n' + ARM: "urdf-doctype",
     '<sdf version="1.9"/>': "urdf-root", '<robot xmlns:xacro="x"><xacro:property name="a"/></robot>': "urdf-xacro",
     '<robot name="arm"/>': "urdf-link", ARM.replace(BODY, ""): "urdf-mass", ARM.replace("revolute", "ball"): "urdf-joint",
     ARM.replace(' type="revolute"', ""): "urdf-joint", ARM.replace('<child link="boom"/>', ""): "urdf-joint",
@@ -161,8 +162,15 @@ def test_mistakes_of_a_file(text: str, code: str, tmp_path: Path) -> None:
     with pytest.raises(hb.ModelError) as caught:
         hb.import_model(path, tmp_path / "arm")
     first = caught.value.problems[0]
-    assert first.code == code and first.place is not None and (first.hint or not text)
+    assert first.code == code and first.place is not None and first.hint
     assert not (tmp_path / "arm").exists()
+
+
+def test_a_decimal_comma_is_one_mistake(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM.replace('izz="1"', 'izz="0,25"'), encoding="utf-8")
+    with pytest.raises(hb.ModelError) as caught:
+        hb.import_model(tmp_path / "arm.urdf", tmp_path)
+    assert len(caught.value.problems) == 1 and 'izz="0.25"' in caught.value.problems[0].hint
 
 
 @for_each("name, remedy", [("arm.xacro", "xacro arm.xacro -o arm.urdf"), ("arm.sdf", "URDF"), ("arm.xml", "arm.urdf"),

@@ -24,6 +24,7 @@ from heavebond.core.errors import ModelError, Place, Problem, listing
 from heavebond.core.numerals import number
 from heavebond.core.presentation import count
 from heavebond.core.quoting import file_stem
+from heavebond.import_20sim.emx_file import UTF_16
 from heavebond.import_20sim.importer import Imported, Untranslated
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.write import mapping, quantity, remark, scalar
@@ -160,8 +161,9 @@ def read_xml(path: Path) -> Element:
     parser.StartElementHandler, parser.EndElementHandler = begin, lambda _: stack.pop()
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
     content = path.read_bytes()
-    if not content.strip():
-        raise _wrong(path, 1, "urdf-xml", f"'{path.name}' is empty")
+    if not content.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") and content[:2] not in UTF_16:
+        why = "does not begin as XML" if content.strip() else "is empty"
+        raise _wrong(path, 1, "urdf-xml", f"'{path.name}' {why}", "A robot in URDF begins with `<robot name=\"arm\">`.")
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
@@ -196,6 +198,8 @@ class _Reader:
             found = []
         if len(found) != len(default) or not np.all(np.isfinite(found)):
             example = " ".join(f"{value:g}" for value in default)
+            if len(default) == 1 and text.count(",") == 1:  # a decimal comma
+                example = text.strip().replace(",", ".")
             self.problem("urdf-number", f"<{element.tag}>: '{attribute}' is \"{text}\", expected "
                          f"{count(len(default), 'number')}", element.line, f"Write for example {attribute}=\"{example}\".")
             return np.array(default)
@@ -214,7 +218,9 @@ class _Reader:
         xx, xy, xz, yy, yz, zz = (self.value(tensor, f"i{pair}") for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))
         J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         principal = np.linalg.eigvalsh(J)
-        if m < 0 or (m == 0 and J.any()):
+        if any(problem.code == "urdf-number" for problem in self.problems):
+            pass  # the values are not known
+        elif m < 0 or (m == 0 and J.any()):
             self.problem("urdf-mass", f"the link '{name}' has a mass of {m:g} kg" + (" and an inertia" if m == 0 else ""),
                          line, 'Write its mass in kg, `<mass value="2.5"/>`.')
         elif J.any() and principal[0] <= 0:
