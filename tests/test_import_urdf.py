@@ -185,5 +185,11 @@ def test_the_command(tmp_path: Path) -> None:
     run = CliRunner().invoke(main, ["import", str(BENCH_ARM), "-o", str(tmp_path)])
     assert run.exit_code == 0 and "1 mesh" in run.output and "next: heavebond check" in run.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench_arm.yaml"]
+    text = (tmp_path / "bench_arm.yaml").read_text(encoding="utf-8")
+    for shape in ("column_2: {is: disc, at: [column, 0.03 m, 0.03 m, 0.2 m], diameter: 0.12 m, width: 0.1 m, "
+                  "axis: [0, -1, 0]}",
+                  "hand: {is: box, at: [hand, 0 m, 0 m, 0.05 m], size: [0.05 m, 0.1 m, 0.1 m]}"):
+        assert f"  {shape}\n" in text
+    assert hb.load(tmp_path / "bench_arm.yaml").name == "bench_arm"
     run = CliRunner().invoke(main, ["import", str(BENCH_ARM), "--globals", "x.emx"])
     assert run.exit_code == 2 and "import-option" in run.output

@@ -13,6 +13,7 @@ Source: the URDF XML specification of ROS (wiki.ros.org/urdf/XML).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -63,14 +64,25 @@ class Element:
 
 
 @dataclass(frozen=True)
+class Shape:
+    """A box (three edges), cylinder (radius, length) or sphere (radius) of a link, its middle and the angles of its axes."""
+
+    kind: str
+    size: tuple[float, ...]
+    shift: Array
+    angles: Array
+
+
+@dataclass(frozen=True)
 class Link:
-    """A link: its line, mass, centre of mass and inertia tensor about it, both in the axes of the link."""
+    """A link: its line, mass, centre of mass and inertia tensor about it, both in the axes of the link, and its shapes."""
 
     name: str
     line: int
     m: float
     centre: Array
     J: Array
+    shapes: tuple[Shape, ...]
 
 
 @dataclass(frozen=True)
@@ -233,7 +245,21 @@ class _Reader:
                                            "exceeds the sum of the others. Its values are used all the same"))
         J = R @ J @ R.T
         J[np.abs(J) < ROUNDING*np.abs(J).max(initial=0)] = 0
-        return Link(name, element.line, max(m, 0.0), centre, J)
+        return Link(name, element.line, max(m, 0.0), centre, J, tuple(self.shapes(element)))
+
+    def shapes(self, link: Element) -> Iterator[Shape]:
+        """The visible shapes of a link that are no meshes."""
+        for visual in link.all("visual"):
+            geometry, origin = visual.first("geometry"), visual.first("origin")
+            shift, angles = self.values(origin, "xyz", (0.0, 0.0, 0.0)), self.values(origin, "rpy", (0.0, 0.0, 0.0))
+            for solid in () if geometry is None else geometry.children:
+                if solid.tag == "box":
+                    yield Shape("box", tuple(self.values(solid, "size", (0.1, 0.1, 0.1)).tolist()), shift, angles)
+                elif solid.tag == "cylinder":
+                    size = self.value(solid, "radius", 0.1), self.value(solid, "length", 0.1)
+                    yield Shape("cylinder", size, shift, angles)
+                elif solid.tag == "sphere":
+                    yield Shape("sphere", (self.value(solid, "radius", 0.1),), shift, angles)
 
     def joint(self, element: Element, name: str) -> Joint | None:
         kind = element.attributes.get("type", "")
@@ -316,7 +342,7 @@ def read_urdf(path: Path) -> Robot:
         raise ModelError(reader.problems)
     meshes = [element for element in _inside(top) if element.tag == "mesh"]
     if meshes:
-        what = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only"
+        what = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only; see the shape `mesh` of `view:`"
         reader.notes.append(Untranslated("robot", meshes[0].line, what))
     rest = Counter(child.tag for child in top.children if child.tag not in ("link", "joint", "material"))
     reader.notes += [Untranslated("robot", next(child.line for child in top.children if child.tag == kind),
@@ -504,7 +530,30 @@ class _Writer:
             lines += ["initial:", *(f"  {line}" for line in self.initial)]
         if self.show:
             lines += ["show:", *(f"  {output}: {{unit: {unit}}}" for output, unit in self.show)]
+        if view := list(self.view()):
+            lines += ["view:", *(f"  {shape}: {values}" for shape, values in view)]
         return "\n".join([*lines, "simulate: {until: 1 s, every: 5 ms}"]) + "\n"
+
+    def view(self) -> Iterator[tuple[str, str]]:
+        """The shapes of all links, by their names."""
+        for link in self.robot.links.values():
+            node = self.node_of[link.name]
+            for k, shape in enumerate(link.shapes, 1):
+                place = ", ".join([node, *(quantity(float(value), "m") for value in shape.shift)])
+                turned = "[" + ", ".join(quantity(float(value), "rad") for value in shape.angles) + "]"
+                sizes = [quantity(size, "m") for size in shape.size]
+                entries = [("is", {"cylinder": "disc"}.get(shape.kind, shape.kind)),
+                           ("at", f"[{place}]" if shape.shift.any() else node)]
+                if shape.kind == "box":
+                    entries += [("size", f"[{', '.join(sizes)}]"), *([("turned", turned)] if shape.angles.any() else [])]
+                else:
+                    entries.append(("diameter", quantity(2*shape.size[0], "m")))
+                if shape.kind == "cylinder":
+                    axis = rotation(*shape.angles)[:, 2]
+                    axis[np.abs(axis) < ROUNDING] = 0
+                    direction = ", ".join(quantity(float(value), "") for value in axis)
+                    entries += [("width", sizes[1]), ("axis", f"[{direction}]")]
+                yield f"{node}_{k}" if len(link.shapes) > 1 else node, mapping(entries)
 
     def body(self, link: Link) -> None:
         """The inertia of a link on its node."""
