@@ -13,7 +13,7 @@ from scipy.special import ellipj
 
 import heavebond as hb
 from benchmarks.random_trees import Pinocchio, aligned_tree, diagram, mujoco_accelerations, random_tree
-from heavebond.core.errors import ModelError
+from heavebond.core.errors import HeavebondError, ModelError
 from heavebond.language.library import library
 from heavebond.language.power_law import wrong_rates
 from heavebond.language.power_terms import power_problems
@@ -326,6 +326,12 @@ def test_a_closed_loop_keeps_its_lengths_and_its_energy() -> None:
     assert run["side"] == pytest.approx(0, abs=1e-9)
     # the energy turned over is some 6 J
     assert run["energy"] == pytest.approx(run["energy"][0], abs=1e-6)
+
+
+def test_a_loop_that_does_not_close_is_named() -> None:
+    with pytest.raises(HeavebondError) as caught:
+        hb.simulate(hb.loads(FOUR_BAR.replace("l_x: 1 m}", "l_x: 0.1 m}")))
+    assert "the loop pin_1, pin_2, pin_3, pin_4 does not close" in str(caught.value)
 
 
 def test_a_machine_at_rest_is_clean() -> None:

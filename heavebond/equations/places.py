@@ -38,9 +38,15 @@ class Node:
         return self.domain.through[self.member]
 
     @property
+    def key(self) -> str:
+        """Its name, or `arm.F_x` if there are several through variables with an effort each."""
+        return f"{self.name}.{self.through}" if len(self.domain.efforts) > 1 else self.name
+
+    @property
     def across(self) -> str:
         """The across variable that it acts with: velocity, angular velocity, pressure."""
-        return self.domain.across[0]
+        return dict(self.domain.pairs).get(self.through, self.domain.across[0]) if len(self.domain.efforts) > 1 \
+            else self.domain.across[0]
 
     @property
     def unit(self) -> Unit:
@@ -66,7 +72,7 @@ class Place:
     @property
     def name(self) -> str:
         """`crown`, or `platform-crown`."""
-        return "-".join(n.name for n in self.nodes)
+        return "-".join(n.key for n in self.nodes)
 
     @property
     def words(self) -> str:
@@ -82,9 +88,9 @@ class Place:
     def weights(self) -> dict[str, float]:
         """The through variable that enters each node for w = 1."""
         if len(self.nodes) == 1:
-            return {self.nodes[0].name: -1.0}
+            return {self.nodes[0].key: -1.0}
         first = 1.0 if self.nodes[0].mechanical else -1.0
-        return {self.nodes[0].name: first, self.nodes[1].name: -first}
+        return {self.nodes[0].key: first, self.nodes[1].key: -first}
 
 
 def sources_of(flat: Flat) -> dict[str, Node]:
@@ -93,6 +99,13 @@ def sources_of(flat: Flat) -> dict[str, Node]:
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     return {name: replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
             for k, through in enumerate(node.domain.through) for name in [f"{node.name}.{through}"] if name in balances}
+
+
+def input_nodes(flat: Flat) -> dict[str, Node]:
+    """The nodes at which an unknown input may act: those of one effort by name, and each force and moment of the nodes in
+    space by `NODE.F_x`, in the order of the diagram."""
+    single, in_space = nodes_of(flat), {name: node for name, node in sources_of(flat).items() if node.domain.orientation}
+    return {**single, **in_space}
 
 
 def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
@@ -130,13 +143,13 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
 
 
 def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
-    """Every pair of nodes on which a component has ports of one domain, in the order of those ports, then every node."""
+    """Every pair of nodes of one effort on which a component has ports of one domain, in the order of those ports, then
+    every node."""
     leaves = flat.expanded.leaves
+    on = {port: node for key, node in nodes.items() if key == node.name for port in node.ports}
     owners: dict[str, list[str]] = {}
-    for node in nodes.values():
-        for port in node.ports:
-            owners.setdefault(port.rpartition(".")[0], []).append(port)
-    on = {port: node for node in nodes.values() for port in node.ports}
+    for port in on:
+        owners.setdefault(port.rpartition(".")[0], []).append(port)
     pairs: dict[frozenset[str], Place] = {}
     for owner, ports in owners.items():
         declared = list(leaves[owner].component.ports)

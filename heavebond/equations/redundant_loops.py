@@ -49,6 +49,7 @@ TRIALS = 6  # configurations from which one is sought
 MOVED, WAY = 3, 0.25  # configurations in each direction of motion, and the way between two (rad, sizes of the loop)
 MOST_CHOICES = 100  # sets of equations that are all compared
 MOST_ROWS = 300  # equations of loops beyond which they are not examined
+REDUNDANT = ", and it has more constraints than motions"
 PARALLEL = 1e-5  # angle of axes that counts as zero, rad
 
 
@@ -69,12 +70,28 @@ class _Closure:
 def without_redundancies(flat: Flat) -> Flat:
     """The flat model without redundant constraints of loops. Raises ModelError for a loop that more equations constrain than
     it has independent motions, and that closes in no position."""
+    for loops in _loops(flat):
+        flat = loops.reduced(flat)
+    return flat
+
+
+def open_loop(flat: Flat) -> Problem | None:
+    """The error for a loop without redundant constraints that closes in no position that was tried; None if all close."""
+    for loops in _loops(flat):
+        c, closed = loops.start()
+        if not closed:
+            return loops.open(c, "")
+    return None
+
+
+def _loops(flat: Flat) -> list[_Loops]:
+    """The loops of a flat model by groups with common coordinates; none if redundant constraints were left out before."""
     if flat.frames is None or not flat.frames.loops or flat.redundancies:
-        return flat
+        return []
     tree, frame_rows = flat.frames, flat.frame_rows
     closures = [_closure(flat, key, tree, frame_rows) for key in tree.loops]
     if sum(len(c.rows) for c in closures) > MOST_ROWS:
-        return flat
+        return []
     # the orientations and positions along the trees in terms of the coordinates of joints
     symbols, definitions = list[ca.SX](), list[ca.SX]()
     for quantity, keys in (("rotation", tree.rotations), ("translation", tree.translations)):
@@ -99,14 +116,9 @@ def without_redundancies(flat: Flat) -> Flat:
     occurring = [[unknown[s.element_hash()] for s in ca.symvar(stacked[[i for i, k in enumerate(rows) if k == n]])
                   if s.element_hash() in unknown] for n in range(len(closures))]
     coordinates = [[j for j in inside if flat.unknowns[j].role != "signal"] for inside in occurring]
-    for group, members in components_of(coordinates, len(flat.unknowns)):
-        if not group:
-            continue
-        inside = [i for i, k in enumerate(rows) if k in group]
-        turns = ca.vertcat(*(axes[4*k:4*k + 4] for k in group))
-        loops = _Loops(flat, tuple(closures[k] for k in group), stacked[inside], turns, members)
-        flat = loops.reduced(flat, tree)
-    return flat
+    return [_Loops(flat, tree, tuple(closures[k] for k in group), stacked[[i for i, k in enumerate(rows) if k in group]],
+                   ca.vertcat(*(axes[4*k:4*k + 4] for k in group)), members)
+            for group, members in components_of(coordinates, len(flat.unknowns)) if group]
 
 
 def _closure(flat: Flat, key: Key, tree: FrameTree, frame_rows: Mapping[tuple[Key, str], range]) -> _Closure:
@@ -138,8 +150,9 @@ class _Loops:
     """The closures of loops that share coordinates: their residuals h (m,), angles in rad and lengths in sizes of the loop,
     as a function of the coordinates (n,) of joints; lengths among these are in sizes of the loop, too."""
 
-    def __init__(self, flat: Flat, closures: Sequence[_Closure], residuals: ca.SX, turns: ca.SX, members: Sequence[int]):
-        self.flat, self.closures, self.members, self.turns = flat, closures, list(members), turns
+    def __init__(self, flat: Flat, tree: FrameTree, closures: Sequence[_Closure], residuals: ca.SX, turns: ca.SX,
+                 members: Sequence[int]):
+        self.flat, self.tree, self.closures, self.members, self.turns = flat, tree, closures, list(members), turns
         self.expressions = residuals
         known = stack(k.symbols for k in flat.driving)
         self.arguments = [flat.columns[0], flat.p, flat.time, flat.rate, known]
@@ -275,7 +288,7 @@ class _Loops:
                 reached.append(at)
         return reached
 
-    def reduced(self, flat: Flat, tree: FrameTree) -> Flat:
+    def reduced(self, flat: Flat) -> Flat:
         """The flat model without the redundant constraints of these loops."""
         m = len(self.unit)
         c, closed = self.start()
@@ -283,14 +296,14 @@ class _Loops:
             # more constraints than motions, at this configuration and at others
             if all(_rank(self.at(c + 0.3*np.array([uniform(9 + trial, k) - 0.5 for k in range(len(c))]))[1]) < m
                    for trial in range(3)):
-                raise self._open(c, tree)
+                raise ModelError([self.open(c, REDUNDANT)])
             return flat
         slopes = [self.at(at)[1] for at in self.configurations(c)]
         rank = max(_rank(s) for s in slopes)
         if rank == m:
             return flat
         if rank == len(c) and any(self._odd(k, c) for k in range(len(self.closures))):
-            raise self._open(c, tree)
+            raise ModelError([self.open(c, REDUNDANT)])
         kept = _independent([s for s in slopes if _rank(s) == rank], rank)
         entries, residuals, redundancies = list(flat.entries), ca.SX(flat.residual_column), list(flat.redundancies)
         changed, equations, first = list[int](), list(flat.equations), 0
@@ -306,7 +319,7 @@ class _Loops:
                 changed += closure.rows
                 sized = closure.residuals / ca.DM(self.unit[list(numbers)])
                 redundancies.append(RedundantLoop(
-                    self._joints(tree.loops[closure.key]), closure.key[0], closure.port,
+                    self._joints(self.tree.loops[closure.key]), closure.key[0], closure.port,
                     tuple(closure.names[k] for k in out), sized[out], self._configuration(c)))
         n, unknown = len(flat.unknowns), {s.element_hash(): j for j, s in enumerate(flat.levels[0])}
         occurring = sorted({unknown[h] for s in ca.symvar(residuals[changed]) if (h := s.element_hash()) in unknown})
@@ -326,12 +339,14 @@ class _Loops:
         return {j: float(values[j]) for j in (*self.members, *(j for _, j in pairs)) if j not in self.stated}
 
     def _joints(self, parts: Sequence[str]) -> tuple[str, ...]:
-        """The parts of a loop with coordinates; all parts if none has any."""
+        """The joints of a loop: the parts that leave a motion free; all parts if none does."""
         owners = {self.flat.unknowns[j].name.rpartition(".")[0] for j in self.members}
         owners |= {owner.rpartition(".")[0] for owner in owners}  # roll.phi of a CardanJoint
+        owners |= {part for part in parts if any(frame.a and (frame.turn is None or frame.shift is None)
+                                                 for frame in self.flat.expanded.leaves[part].component.frames)}
         return tuple(part for part in parts if part in owners) or tuple(parts)
 
-    def _open(self, c: Array, tree: FrameTree) -> ModelError:
+    def open(self, c: Array, redundant: str) -> Problem:
         """The error for loops that close in no position: the loop with the largest gap, and the joint whose axis differs
         from the others, or the direction in which the links leave the plane of the loop."""
         h, first, gaps = self.at(c)[0], 0, list[tuple[float, int, float, float]]()
@@ -344,7 +359,7 @@ class _Loops:
             first += len(closure.rows)
         _, k, turn, gap = max(gaps)
         closure = self.closures[k]
-        joints = self._joints(tree.loops[closure.key])
+        joints = self._joints(self.tree.loops[closure.key])
         if gap < CLOSED*self.unit.max() and turn < CLOSED:
             k = next(k for k in range(len(self.closures)) if self._odd(k, c))
             closure, said = self.closures[k], "can be closed in single positions only, so that it cannot move"
@@ -365,10 +380,10 @@ class _Loops:
                 "apart: the lengths along the axes must add up to zero." if apart_along > 0.5*gap else \
                 "All axes of its joints are parallel, and the lengths of its links do not allow a closed loop across these."
         leaf = self.flat.expanded.leaves[odd or closure.key[0]]
-        return ModelError([Problem(
-            "loop-open", f"the loop {listing(joints, 12)} {said}, and it has more constraints than motions", leaf.place,
-            f"{advice}\nOr replace a joint by a SphericalJoint or a CylindricalJoint, so that each motion is constrained "
-            "once.")])
+        if redundant:
+            advice += "\nOr replace a joint by a SphericalJoint or a CylindricalJoint, so that each motion is " \
+                "constrained once."
+        return Problem("loop-open", f"the loop {listing(joints, 12)} {said}{redundant}", leaf.place, advice)
 
     def _odd(self, k: int, c: Array) -> str:
         """The joint whose axis is not parallel to those of the others in the loop of a closure, if these are parallel."""

@@ -25,7 +25,7 @@ from heavebond.core.quoting import file_stem
 from heavebond.core.units import Unit, read_unit
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import Flat, flatten
-from heavebond.equations.places import Node, nodes_of, places_of, with_virtual_sources
+from heavebond.equations.places import Node, input_nodes, places_of, with_virtual_sources
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.estimation.comparison import simulate_over
 from heavebond.estimation.experiment import Experiment, Free, Record
@@ -126,11 +126,11 @@ class LtvModel:
 
 
 class SourcedRecord:
-    """One record and its machine with a virtual source on every node (or with all `sources` of its flat model), to be
-    linearised about several runs."""
+    """One record and its machine with a virtual source on every node (see `input_nodes`; or with all `sources` of its flat
+    model), to be linearised about several runs."""
 
     def __init__(self, experiment: Experiment, record: Record, folder: Path,
-                 sources: Callable[[Flat], dict[str, Node]] = nodes_of):
+                 sources: Callable[[Flat], dict[str, Node]] = input_nodes):
         self.experiment, self.record = experiment, record
         measured = measure(experiment, record)
         self.time = measured.grid

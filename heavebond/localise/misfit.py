@@ -189,7 +189,7 @@ def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping
     if not sides[0].places:
         raise UsageError([Problem(
             "place-none", "the diagram has no node at which an unknown input could act", None,
-            "Unknown inputs act on nodes of one effort; a planar node has three.\n"
+            "Unknown inputs act on nodes of one effort and on nodes in space; a planar node has three efforts.\n"
             "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
     p = sides[0].assembly.parameter_values
     search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)

@@ -122,7 +122,8 @@ class Regressors:
         """The ports of a component in other domains, and its signals."""
         other_nodes: dict[str, list[Node]] = {}
         for node in self.nodes.values():
-            if node.domain.name != place.nodes[0].domain.name and any(p.rpartition(".")[0] == component for p in node.ports):
+            single = node.key == node.name and node.domain.name != place.nodes[0].domain.name
+            if single and any(p.rpartition(".")[0] == component for p in node.ports):
                 other_nodes.setdefault(node.domain.name, []).append(node)
         variables: list[Variable] = []
         for nodes in other_nodes.values():

@@ -10,6 +10,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, either, listing
 from heavebond.equations.constraint_projection import ConstraintEquations, constraint_equations
+from heavebond.equations.redundant_loops import open_loop
 from heavebond.equations.state_selection import InitialGuess
 from heavebond.language.symbols import uniform
 from heavebond.numerics.dae import Array, Assembly
@@ -48,6 +49,8 @@ def unassembled(assembly: Assembly) -> Problem | None:
                        places[-1] if places else None,
                        "Each degree of freedom has one initial position. Make the others guesses: "
                        f"`{names[-1]}: ~ ...`.")
+    if problem := open_loop(assembly.flat):
+        return problem
     worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
     notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
     leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
