@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy import signal
+from scipy.optimize import nnls
+from test_c_events import agree
+from test_export import compiled
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.language.symbols import _least_distance
 
 LOOP = """model: loop
 # a servo with a lag
@@ -267,3 +272,109 @@ def test_a_state_that_the_weights_do_not_contain_is_named(tmp_path: Path, monkey
         assert run.exit_code == 2
         assert "design-not-decaying" in run.output or "design-riccati" in run.output
         assert "cart.x" in run.output or "design-riccati" in run.output
+
+
+CART = """model: cart
+components:
+  control: BLOCK
+  sensor:  {is: Gain, k: 1, u: "=cart.x/1 m"}
+  force:   {is: ForceSource, u: "=10 N*command.y"}
+  command: {is: Gain, k: 1}
+  cart:    {is: Mass, m: 2 kg}
+nodes:
+  cart: [force.a, cart.a]
+  place: [sensor.y, "control.u[1]"]
+  command: [OUT, command.u]
+initial: {cart.x: 1 m, cart.v: 0 m/s}
+show: {x: {is: cart.x, unit: m}, y: {is: command.u, unit: 1}}
+simulate: {until: 3 s, every: 25 ms}
+"""
+PREDICTIVE = CART.replace("OUT", "control.y").replace("BLOCK", "{is: PredictiveController, n: 1, r: 1, LIMITS, T_s: 50 ms}")
+REGULATOR = CART.replace("OUT", '"control.y[1]"').replace("BLOCK", "{is: DiscreteStateSpace, n: 1, m: 1, r: 1, A: [[0]], "
+                                                         "B: [[0]], C: [[0]], T_s: 50 ms}")
+TASK = ["--weigh", "cart.x=10 mm", "--effort", "0.05", "--disturbance", "cart.f=1 N", "--noise", "1e-4", "--in-place"]
+
+
+def least_distance(matrix: np.ndarray, c: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """By non-negative least squares: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23."""
+    rows, right = np.vstack([matrix, -matrix]), np.concatenate([low - c, c - high])
+    stacked = np.vstack([rows.T, right])
+    last = np.eye(len(stacked))[-1]
+    residual = stacked @ nnls(stacked, last)[0] - last
+    return -residual[:-1] / residual[-1]
+
+
+def test_the_shortest_correction_is_that_of_non_negative_least_squares() -> None:
+    """30 steps of the interior-point method: 1e-13 of what is outside; the active rows lose some digits."""
+    random = np.random.default_rng(8)
+    symbols = [ca.SX.sym("W", 12, 6), *(ca.SX.sym(name, 12) for name in ("c", "low", "high"))]
+    found = ca.Function("v", symbols, [_least_distance(*symbols)])
+    for _ in range(30):
+        response = np.tril(random.standard_normal((6, 6)), -1) + np.eye(6)
+        matrix, high = np.vstack([response, response - np.eye(6, k=-1) @ response]), random.uniform(0.2, 1, 12)
+        c = matrix @ random.standard_normal(6) * 10 ** random.uniform(-1, 1.5)
+        v = np.array(found(matrix, c, -high, high)).ravel()
+        assert np.abs(v - least_distance(matrix, c, -high, high)).max() < 1e-9 * max(np.abs(c).max(), 1)
+        assert (v == 0).all() or np.abs(c / high).max() > 1
+
+
+@pytest.fixture(scope="module")
+def cart_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The cart with an LQG controller, and with predictive controllers of wide and of narrow limits."""
+    folder, files = tmp_path_factory.mktemp("cart"), {}
+    for name, option, text in (("lqg", "--lqg", REGULATOR),
+                               ("wide", "--mpc", PREDICTIVE.replace("LIMITS", "y_min: -1e3, y_max: 1e3, rate: 1e6 1/s")),
+                               ("narrow", "--mpc", PREDICTIVE.replace("LIMITS", "y_min: -0.5, y_max: 0.4, rate: 4 1/s"))):
+        files[name] = folder / f"{name}.yaml"
+        files[name].write_text(text, encoding="utf-8")
+        run = CliRunner().invoke(main, ["design", str(files[name]), option, "control", *TASK])
+        assert run.exit_code == 0, run.output
+    return files
+
+
+def test_a_predictive_controller_without_an_active_limit_is_the_regulator(cart_runs: dict[str, Path]) -> None:
+    """The same difference equations in another form: rounding, over 60 samples."""
+    commands = [hb.simulate(hb.load(cart_runs[name]), rtol=1e-10).si["y"] for name in ("lqg", "wide")]
+    assert np.abs(commands[0]).max() > 10
+    assert commands[1] == pytest.approx(commands[0], abs=1e-9 * np.abs(commands[0]).max())
+
+
+def test_a_predictive_controller_keeps_its_limits_and_is_optimal_within_them(cart_runs: dict[str, Path]) -> None:
+    """Each command is the first one of the plan that the problem solved in another way gives, at the states of the run."""
+    run = hb.simulate(hb.load(cart_runs["narrow"]))
+    y = run.si["y"]
+    assert y.min() == pytest.approx(-0.5, abs=1e-12) and y.max() == pytest.approx(0.4, abs=1e-12)
+    assert np.abs(np.diff(y)).max() == pytest.approx(4 * 0.05, abs=1e-12)
+    assert abs(run.si["x"][-1]) < 0.01
+    p = run.assembly.parameter_values
+    plan, response = (np.array([[p[f"control.{m}[{i}][{j}]"] for j in range(1, n + 1)] for i in range(1, 21)])
+                      for m, n in (("F", 2), ("W", 10)))
+    low, high = np.repeat([-0.5, -0.2], 10), np.repeat([0.4, 0.2], 10)
+    states = np.array([run.si["control.x[1]"], run.si["control.x[2]"]])
+    for k in range(2, 100, 2):  # after the sample at 25 ms * k; the states before it are those of the point before
+        c = plan @ states[:, k - 1]
+        c[10] -= y[k - 1]
+        assert y[k] == pytest.approx((c + response @ least_distance(response, c, low, high))[0], abs=1e-7)
+    # a regulator with a limited actuator, without a plan: the position overshoots by more
+    clipped = cart_runs["lqg"].read_text(encoding="utf-8").replace(
+        "{is: Gain, k: 1}", "{is: Saturation, u_min: -0.5, u_max: 0.4}")
+    assert hb.simulate(hb.loads(clipped)).si["x"].min() < 1.5 * run.si["x"].min()
+
+
+@compiled
+def test_a_predictive_controller_runs_in_c(cart_runs: dict[str, Path], tmp_path: Path) -> None:
+    """The integrator of C steps with 1e-9 over 60 samples."""
+    agree(hb.load(cart_runs["narrow"]), tmp_path)
+
+
+def test_mistakes_of_a_predictive_design_are_named(cart_runs: dict[str, Path], tmp_path: Path) -> None:
+    for name, arguments, said in (
+            ("lqg", ["--mpc", "control", *TASK], "'control' is not a PredictiveController"),
+            ("wide", ["--lqg", "control", *TASK], "Name a LinearSystem or a DiscreteStateSpace"),
+            ("wide", ["--mpc", "control", *TASK, "--horizon", "31"], "1 to 30 are possible"),
+            ("wide", ["--mpc", "control", *TASK, "--effort", "1, 1"], "effort needs 1 number above 0"),
+            ("wide", ["--mpc", "control", "--lqg", "control"], "exactly one of")):
+        run = CliRunner().invoke(main, ["design", str(cart_runs[name]), *arguments])
+        assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
+    run = CliRunner().invoke(main, ["export", str(cart_runs["wide"]), "-o", str(tmp_path / "cart.mo")])
+    assert run.exit_code == 2 and "least_distance" in run.output

@@ -33,6 +33,30 @@ def fed_back(t: Array) -> Array:
     return np.asarray(final[:, None] + vectors @ (share[:, None]*np.exp(np.outer(values, t))))
 
 
+def jerks(t: Array) -> Array:
+    """Acceleration, speed and position (3, N) of the motion sequence by exact integration of its jerk between the knots.
+
+    400 mm reach 0.5 m/s and 2 m/s**2: a/j = 0.1 s of jerk, v/a - a/j = 0.15 s, 0.4/0.5 - 0.35 = 0.45 s. 150 mm do not
+    reach v: x = T_a + 3/2 T_j with 2 m/s**2 (x**2 - T_j**2/4) = 0.15 m. 5 mm have jerk only, 0.05 s."""
+    knots, jerk, begin = [0.0], [0.0], 0.1
+    for sign, t_j, t_a, t_v, dwell in ((1, 0.1, 0.15, 0.45, 0.2), (-1, 0.1, np.sqrt(0.0775) - 0.15, 0, 0),
+                                       (1, 0.05, 0, 0, 0)):
+        lengths = [t_j, t_a, t_j, t_v, t_j, t_a, t_j]
+        knots += [*(begin + np.cumsum([0, *lengths]))]
+        jerk += [*(20*sign*np.array([1, 0, -1, 0, -1, 0, 1, 0]))]
+        begin = knots[-1] + dwell
+    at, values = np.zeros(3), np.zeros((3, len(t)))
+    for k, t_0 in enumerate(knots):
+        end = knots[k + 1] if k + 1 < len(knots) else np.inf
+        d, inside = np.minimum(t, end) - t_0, (t >= t_0)
+        b, w, y = at
+        each = np.array([b + jerk[k]*d, w + b*d + jerk[k]*d**2/2, y + w*d + b*d**2/2 + jerk[k]*d**3/6])
+        values[:, inside] = each[:, inside]
+        h = end - t_0
+        at = np.array([b + jerk[k]*h, w + b*h + jerk[k]*h**2/2, y + w*h + b*h**2/2 + jerk[k]*h**3/6]) if h < np.inf else at
+    return values
+
+
 def sampled(t: Array, period: float) -> Array:
     """What u was at the last sample; an output at a sample shows the new one."""
     return u(period*np.floor(t/period + 1e-9))
@@ -230,6 +254,8 @@ CASES = [
          1e-9),
     Case("discrete_transfer_function", "part.y", filtered, "SciPy's lfilter", 1e-12),
     Case("discrete_state_space", "outputs[1]", lambda t: 3*(0.1*sample_number(t, 0.1))**2/2, "a parabola at the samples"),
+    Case("predictive_controller", "control.y", lambda t: -np.minimum(0.1*sample_number(t, 0.1), 0.5),
+         "the least rate until the least command", 1e-9),
     Case("discrete_pid", "part.y", discrete_pid, "the algorithm in Python", 1e-12),
     Case("discrete_switchable_pid", "part.y",
          lambda t: 3 + 0.5*0.05*np.maximum(sample_number(t, 0.05) - 20, 0), "the integral from the change at 1 s on", 1e-12),
@@ -259,6 +285,8 @@ CASES = [
     Case("pid", "part.y", pid, "SciPy's Runge-Kutta with steps of 1 ms; 1e-5 for the corner at the limit", 1e-5),
     Case("trapezoidal_motion", "part.y", trapezium, "parabola, line, parabola"),
     Case("trapezoidal_motion", "part.w", lambda t: np.clip(np.minimum(t - 0.2, 2.7 - t), 0, 0.5), "trapezium"),
+    *(Case("motion_sequence", f"part.{name}", lambda t, row=row: jerks(t)[row], "the jerk of each motion, integrated thrice",
+           1e-12) for row, name in enumerate("bwy")),
     Case("s_curve_motion", "part.y", lambda t: share(t) - np.sin(2*PI*share(t))/(2*PI), LAW),
     Case("s_curve_motion", "part.w", lambda t: (1 - np.cos(2*PI*share(t)))/2, "its derivative"),
     Case("polynomial_motion", "part.y", lambda t: np.polyval([6, -15, 10, 0, 0, 0], share(t)), LAW),
@@ -287,6 +315,24 @@ def test_a_multisine_has_its_rms_and_a_low_peak() -> None:
     assert spectrum[1:11] == pytest.approx(np.sqrt(0.2)/2, rel=1e-9)
     assert spectrum[11:] == pytest.approx(0, abs=1e-9)
     assert np.abs(wave).max() < 1.95   # ten sines in phase: 4.5
+
+
+def test_a_rigid_mass_follows_a_motion_sequence_that_rests_where_two_positions_are_equal() -> None:
+    """The force is m*b; 200 mm with 1 m/s, 4 m/s**2 and 40 m/s**3 take 4 T_j + 2 T_a with T_a + 3/2 T_j = sqrt(0.0525) s."""
+    run = hb.simulate(hb.loads("""model: axis
+components:
+  part:  {is: MotionSequence, p: [0 m, 200 mm, 200 mm, 0 m], T_d: [0.1 s, 0.1 s, 0.1 s], v: 1 m/s, a: 4 m/s**2, j: 40 m/s**3}
+  drive: {is: PositionSource, u: =part.y}
+  mass:  {is: Mass, m: 2 kg}
+nodes: {axis: [drive.a, mass.a]}
+show: {F: {is: -drive.a.f, unit: N}, b: {is: part.b, unit: m/s**2}}
+simulate: {until: 1.5 s, every: 5 ms}
+"""))
+    assert run["F"] == pytest.approx(2*run["b"], abs=1e-6)   # rounding of two derivatives
+    assert np.abs(run["b"]).max() == pytest.approx(4, rel=1e-9)
+    duration, moving = 0.4 + 2*(np.sqrt(0.0525) - 0.15), np.flatnonzero(np.abs(run["b"]) > 1e-9)
+    assert run.time[moving[-1]] == pytest.approx(0.3 + 2*duration, abs=6e-3)
+    assert run.si["part.y"][-1] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("way", "top"), [(0.1, np.sqrt(0.1)), (-0.1, -np.sqrt(0.1)), (2.0, 0.5)])

@@ -25,7 +25,6 @@ from heavebond.core.errors import ModelError, Problem, UsageError, listing
 
 if TYPE_CHECKING:
     from heavebond.language.model import Model
-    from heavebond.linear.design import ObserverController
     from heavebond.linear.margins import Crossings
     from heavebond.reports.result_tables import Item
     from heavebond.text.yaml_edits import Tree
@@ -54,14 +53,19 @@ if TYPE_CHECKING:
               help="With --filter: attenuation of chebyshev 2 in dB.")
 @click.option("--lqg", metavar="BLOCK",
               help="Matrices of a LinearSystem or DiscreteStateSpace: regulator with Kalman filter.")
+@click.option("--mpc", metavar="BLOCK",
+              help="Matrices of a PredictiveController: the same regulator with limits of its output and of its rate.")
+@click.option("--horizon", type=Whole(1), default=10, show_default=True,
+              help="With --mpc: number of samples over which the limits are kept.")
 @click.option("--weigh", metavar="FORMULA=SIZE", multiple=True,
-              help="With --lqg: a signal and the deviation that counts as 1: crown.x='10 mm'. May be repeated.")
+              help="With --lqg and --mpc: a signal and the deviation that counts as 1: crown.x='10 mm'. May be repeated.")
 @click.option("--effort", metavar="NUMBERS", default="1", show_default=True,
-              help="With --lqg: outputs of the block that count as 1.")
+              help="With --lqg and --mpc: outputs of the block that count as 1.")
 @click.option("--disturbance", "disturbances", metavar="INPUT=SIZE", multiple=True,
-              help="With --lqg: a signal or force with white noise, root of its spectral density in SI. May be repeated.")
+              help="With --lqg and --mpc: a signal or force with white noise, root of its spectral density in SI. May be "
+              "repeated.")
 @click.option("--noise", metavar="NUMBERS", default="1e-3", show_default=True,
-              help="With --lqg: noise of the inputs of the block, root of its spectral density.")
+              help="With --lqg and --mpc: noise of the inputs of the block, root of its spectral density.")
 @click.option("--over", "overs", metavar="PATH=VALUES", multiple=True,
               help="Further operating points for the margins: ahc.valve.f_n='0.75 Hz, 5 Hz'. May be repeated.")
 @click.option("--at", metavar="TIME", help="Run to this time first, and linearise there.")
@@ -73,9 +77,9 @@ if TYPE_CHECKING:
 @json_option
 def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str | None, bandwidth: str | None,
            phase_margin: str | None, filtered: str | None, kind: str, order: int, cut_off: str | None, band: str,
-           ripple: float, attenuation: float, lqg: str | None, weigh: tuple[str, ...], effort: str,
-           disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None, settings: tuple[str, ...],
-           written: Path | None, in_place: bool) -> dict[str, object]:
+           ripple: float, attenuation: float, lqg: str | None, mpc: str | None, horizon: int, weigh: tuple[str, ...],
+           effort: str, disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None,
+           settings: tuple[str, ...], written: Path | None, in_place: bool) -> dict[str, object]:
     """Design a controller of DIAGRAM on the linearised machine, with its samples, holds and delays.
 
     heavebond design cmc_ahc --loop command --free controller.K_p --crossover '0.2 Hz'
@@ -93,8 +97,8 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
     from heavebond.linear.stability import UNSTABLE
     from heavebond.numerics.dae import assemble
 
-    if sum(task is not None for task in (loop, filtered, lqg)) != 1:
-        raise UsageError([Problem("design-task", "exactly one of --loop, --filter and --lqg is needed", None,
+    if sum(task is not None for task in (loop, filtered, lqg, mpc)) != 1:
+        raise UsageError([Problem("design-task", "exactly one of --loop, --filter, --lqg and --mpc is needed", None,
                                   "Write for example --loop controller.y --free controller.K_p --crossover '1 Hz'.")])
     if written is not None:
         check_new(written, (".yaml",))
@@ -111,8 +115,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
         else:
-            assert lqg is not None
-            items, texts, figures = _lqg(diagram, lqg, weigh, effort, disturbances, noise, at)
+            items, texts, figures = _observer(diagram, lqg, mpc, weigh, effort, disturbances, noise, horizon, at)
     terminal.show(items)
     if figures.get("verdict") == UNSTABLE:
         problem = ModelError([Problem("design-unstable", "the closed loop with the designed gains is unstable; nothing is "
@@ -186,10 +189,12 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
         lists, {"b": b.tolist(), "a": a.tolist(), "period": period}
 
 
-def _lqg(diagram: Model, block: str, weigh: Sequence[str], effort: str, disturbances: Sequence[str], noise: str,
-         at: str | None) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
+def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[str], effort: str,
+              disturbances: Sequence[str], noise: str, horizon: int, at: str | None
+              ) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
+    """The tables, the values and the figures of an LQG controller, or of a predictive controller."""
     from heavebond.core.quantities import si_value
-    from heavebond.linear.design import design_lqg
+    from heavebond.linear.design import design_lqg, design_mpc
     from heavebond.reports.result_tables import Line, ResultTable
 
     def numbers(option: str, texts: Sequence[str]) -> list[float]:
@@ -200,17 +205,27 @@ def _lqg(diagram: Model, block: str, weigh: Sequence[str], effort: str, disturba
     if not deviations or not densities:
         raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
                                   "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
-    result: ObserverController = design_lqg(diagram, block, deviations, numbers("--effort", list_items(effort)), densities,
-                                            numbers("--noise", list_items(noise)), at=at)
+    sizes = deviations, numbers("--effort", list_items(effort)), densities, numbers("--noise", list_items(noise))
+    block, title = lqg or mpc or "", "observer controller"
+    if mpc is not None:
+        design = design_mpc(diagram, block, *sizes, horizon=horizon, at=at)
+        result, title = design.controller, f"predictive controller of {horizon} commands"
+        matrices = {"A": design.a, "B": design.b.T, "C": design.c, "L": design.observer, "F": design.plan,
+                    "W": design.response}
+        counts = {"n": len(design.a), "N": horizon}
+    else:
+        result = design_lqg(diagram, block, *sizes, at=at)
+        matrices, counts = {"A": result.a, "B": result.b, "C": result.c}, {"n": len(result.a)}
     rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
-    per = "" if result.period is not None else " 1/s"
-    texts: dict[str, Tree] = {f"{block}.n": str(len(result.a))}
-    for name, matrix, unit_text in (("A", result.a, per), ("B", result.b, per), ("C", result.c, "")):
-        texts[f"{block}.{name}"] = [[f"{value!r}{unit_text}" for value in row] for row in matrix.tolist()]
-    return [ResultTable(f"{block}: observer controller with {len(result.a)} states",
-                        ("poles of the regulator", "poles of the observer"), rows),
+    texts: dict[str, Tree] = {f"{block}.{name}": str(number) for name, number in counts.items()}
+    for name, matrix in matrices.items():
+        per = " 1/s" if result.period is None and name != "C" else ""
+        lines = [[f"{value!r}{per}" for value in row] for row in matrix.tolist()]
+        texts[f"{block}.{name}"] = lines[0] if mpc is not None and name == "B" else lines
+    return [ResultTable(f"{block}: {title} with {len(result.a)} states", ("poles of the regulator", "poles of the observer"),
+                        rows),
             Line("in z, sampled every " + f"{result.period:g} s" if result.period is not None else "in 1/s")], \
-        texts, {"a": result.a.tolist(), "b": result.b.tolist(), "c": result.c.tolist(), "states": list(result.states)}
+        texts, {**{name.lower(): matrix.tolist() for name, matrix in matrices.items()}, "states": list(result.states)}
 
 
 def _written(diagram: Model, path: Path, texts: Mapping[str, Tree], settings: Mapping[str, str], written: Path | None,

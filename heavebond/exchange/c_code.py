@@ -15,7 +15,7 @@ from heavebond.core.quoting import c_comment, c_string
 from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, portable
-from heavebond.language.external_functions import exported_text
+from heavebond.language.external_functions import calls_operations, exported_text
 from heavebond.language.model import Model
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import DELAY_ROWS
@@ -84,7 +84,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: Fixed
         exported_text(str(error))
         raise
     programs = exported_text(code)
-    if programs:
+    if programs or calls_operations(code):
         code += _with_places(functions)
         for function in functions:
             code = re.sub(rf"^CASADI_SYMBOL_EXPORT int {function.name()}\(", f"static int {function.name()}_called(", code,
@@ -140,7 +140,7 @@ def _real_time_arrays(exported: Portable, prefix: str, fixed: FixedStepProgram) 
 
 
 def _with_places(functions: Iterable[ca.Function]) -> str:
-    """For each function NAME a function of this name that calls NAME_called with the memory that calls of external functions
+    """For each function NAME a function of this name that calls NAME_called with the memory that calls of other functions
     need."""
     texts = []
     for function in functions:

@@ -93,10 +93,11 @@ def written(expressions: Iterable[ca.SX], names: Mapping[int, Term], fresh: Call
         if op == ca.OP_CALL:
             called = functions_called(function)
             texts = listing([f"{f.name} ({f.external.path.name})" for f in called if f.external is not None])
+            subject = "least_distance" if not called else f"the external function {texts}" if len(called) == 1 else \
+                f"the external functions {texts}"
             raise UsageError([Problem(
-                "export-function", f"the external function {texts} cannot be written in Modelica" if len(called) == 1 else
-                f"the external functions {texts} cannot be written in Modelica", called[0].place if called else None,
-                "Export the diagram as an FMU or as C, which contain its source.")])
+                "export-function", f"{subject} cannot be written in Modelica", called[0].place if called else None,
+                "Export the diagram as an FMU or as C" + (", which contain its source." if called else "."))])
         read = [] if op in (ca.OP_INPUT, ca.OP_CONST) else [register[i] for i in inputs]
         reads.append(read)
         for source in read:

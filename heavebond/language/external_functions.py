@@ -93,6 +93,7 @@ class ForeignFunction:
 
 
 _made: dict[tuple[object, ...], ForeignFunction] = {}
+_operations: dict[str, ca.Function] = {}
 _folder: list[str] = []
 _watched: ContextVar[bool] = ContextVar("watched", default=False)
 
@@ -144,6 +145,17 @@ def called(function: Function, args: Sequence[ca.SX], outputs: dict[str, Shape])
         at += elements(shape)
         values[name] = ca.reshape(part, shape[1], shape[0]).T if isinstance(shape, tuple) else part
     return values
+
+
+def called_as_operation(function: ca.Function, args: Sequence[ca.SX]) -> ca.SX:
+    """The result of a function of CasADi as one operation of an expression, so that a long formula is written once. Its name
+    determines it."""
+    return _operations.setdefault(function.name(), function).call(list(args), False, True)[0]
+
+
+def calls_operations(code: str) -> bool:
+    """True if C code calls a function of `called_as_operation`."""
+    return any(name in code for name in _operations)
 
 
 def _loaded(function: Function, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape]) -> ForeignFunction:
@@ -670,7 +682,7 @@ class Opened:
 
 def opened(columns: Sequence[ca.SX]) -> Opened:
     """Replace the calls in columns by symbols of their results."""
-    if not _made:
+    if not _made and not _operations:
         return Opened(list(columns), ca.SX(0, 1), [])
     new: dict[int, ca.SX] = {}
     kept = list[ca.SX]()  # their hashes are valid as long as they exist

@@ -11,7 +11,7 @@ from typing import cast
 import casadi as ca
 
 from heavebond.core.limits import TERMS
-from heavebond.language.external_functions import called
+from heavebond.language.external_functions import called, called_as_operation
 from heavebond.text.expression import (
     Binary,
     Call,
@@ -37,6 +37,8 @@ from heavebond.text.shapes import declared
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
 # relative to the largest element of a matrix: rounding error of a computed symmetric or singular matrix
 MATRIX_ROUNDING, TINY = 1e-9, 1e-300
+# steps of least_distance, of which each reduces the complementarity to a tenth at best, and its least value, relative
+DISTANCE_STEPS, DISTANCE_LEAST = 30, 1e-13
 # operations of CasADi with a jump or kink whose second derivative is zero elsewhere
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
@@ -224,6 +226,8 @@ def _call(expr: Call, context: Context) -> ca.SX:
         return args[0].T
     if name in ("symmetric", "definite", "semidefinite"):
         return _matrix_property(name, args[0], expr)
+    if name == "least_distance":
+        return _least_distance(*map(ca.densify, args))
     if name in _TWO_ARGUMENTS:  # or more
         return reduce(partial(ca.SX.binary, _TWO_ARGUMENTS[name]), args)
     if name == "if_else":
@@ -256,6 +260,64 @@ def _matrix_property(name: str, argument: ca.SX, expr: Call) -> ca.SX:
         truth = ca.logic_and(truth, symmetric_part[k, k] > 0)
         symmetric_part -= ca.mtimes(symmetric_part[:, k], symmetric_part[k, :]) / symmetric_part[k, k]
     return truth
+
+
+def _least_distance(matrix: ca.SX, c: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
+    """The shortest v (n,) with low <= c + W v <= high, for W (p, n) and lists (p,); 0 if v = 0 satisfies the limits.
+
+    The arguments are numbers or formulas of any names. A primal-dual interior-point method with DISTANCE_STEPS steps, called
+    as one operation. S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997, chapter 5; C. L. Lawson, R. J. Hanson,
+    Solving Least Squares Problems, Prentice-Hall 1974, chapter 23 (least distance programming).
+    """
+    p, n = matrix.shape
+    # relative to the norm of what lies outside of the limits
+    rows, room = ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p)
+    outside = ca.sum1(ca.fmax(-room, 0) ** 2)
+    size = ca.sqrt(ca.if_else(outside > 0, outside, 1))
+    slack = ca.fmax(room / size, 1)
+    point = [ca.SX.zeros(n), slack, 1 / slack]
+    step = _distance_step(p, n)
+    for _ in range(DISTANCE_STEPS):
+        point = step.call([rows, room / size, *point], False, True)
+    correction = ca.if_else(outside > 0, size * point[0], ca.SX.zeros(n))
+    solver = ca.Function(f"hb_least_distance_{p}_{n}", [rows, room], [correction])
+    return called_as_operation(solver, [matrix, ca.vertcat(high - c, c - low)])
+
+
+def _distance_step(p: int, n: int) -> ca.Function:
+    """A step of `_least_distance` from v (n,), slacks and multipliers (2 p,) of the limits W v + slack = room (2 p,), where
+    the lower half is of -W v. It aims at a tenth of the complementarity; a norm of high order of the relative decreases of
+    slacks and multipliers, in place of the largest one, limits its length."""
+    matrix, room, v, slack, multiplier = symbols = [
+        ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p), ca.SX.sym("v", n), ca.SX.sym("s", 2 * p), ca.SX.sym("l", 2 * p)]
+
+    def difference(sides: ca.SX) -> ca.SX:
+        return ca.mtimes(matrix.T, sides[:p] - sides[p:])
+
+    centre = ca.fmax(0.1 * ca.dot(multiplier, slack) / (2 * p), DISTANCE_LEAST)
+    moved = ca.mtimes(matrix, v)
+    residual = ca.vertcat(moved, -moved) + slack - room
+    ratio = multiplier / slack
+    # the upper triangle of the positive definite system (I + W' D W) change = right, by elimination without pivots
+    weighed = ca.repmat(ratio[:p] + ratio[p:], 1, n) * matrix
+    right = -v - difference(centre / slack + ratio * residual)
+    rows = [ca.horzcat(ca.mtimes(weighed[:, i].T, matrix[:, i:]), right[i]) for i in range(n)]
+    for k in range(n):
+        rows[k][0] += 1
+    for k in range(n):
+        for i in range(k + 1, n):
+            rows[i] -= rows[k][i - k] / rows[k][0] * rows[k][i - k:]
+    change = ca.SX.zeros(n)
+    for k in reversed(range(n)):
+        known = ca.dot(rows[k][1:-1], change[k + 1:, 0].T) if k + 1 < n else 0
+        change[k] = (rows[k][-1] - known) / rows[k][0]
+    moved = ca.mtimes(matrix, change)
+    changes = [change, -residual - ca.vertcat(moved, -moved), ca.SX(0)]
+    changes[2] = centre / slack - multiplier - ratio * changes[1]
+    decreases = ca.vertcat(-changes[1] / slack, -changes[2] / multiplier)
+    length = (1 + ca.sum1((ca.fmax(decreases, 0) / 0.98) ** 16)) ** (-1 / 16)
+    return ca.Function(f"hb_distance_step_{p}_{n}", symbols, [
+        value + length * each for value, each in zip((v, slack, multiplier), changes, strict=True)])
 
 
 def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:

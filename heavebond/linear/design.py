@@ -31,6 +31,7 @@ from heavebond.numerics.output_times import Time
 HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
 FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
 BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
+HORIZON = 30  # commands of a predictive controller at most: its equations grow with the third power
 
 
 @dataclass(frozen=True)
@@ -382,15 +383,78 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
     plant is discretised exactly with its delays. Raises UsageError for units of another dimension, and for numbers that are
     not above 0.
     """
+    return _regulated(model, block, ("C", "D"), weigh, effort, disturbances, noise, at)[0]
+
+
+@dataclass(frozen=True)
+class PredictiveDesign:
+    """The matrices of a `PredictiveController` with `horizon` commands: the plant x[k+1] = a x[k] + b u[k], y = c x, the
+    gain `observer` (n, k) of its Kalman filter, and the commands of the regulator over the horizon with their changes,
+    `plan` (2 N, n) by the states and `response` (2 N, N) by corrections v of the commands. The cost of a plan is the sum
+    of v[k]^2. `controller` is the controller without limits, `period` the sampling period in s."""
+
+    a: Array
+    b: Array
+    c: Array
+    observer: Array
+    plan: Array
+    response: Array
+    horizon: int
+    period: float
+    controller: ObserverController
+
+    def __repr__(self) -> str:
+        return brief(self, f"{len(self.a)} states", f"{count(self.horizon, 'command')} every {self.period:g} s")
+
+
+def design_mpc(model: ModelOrFile, block: str, weigh: Mapping[str, float | str], effort: Sequence[float],
+               disturbances: Mapping[str, float | str], noise: Sequence[float], *, horizon: int = 10, at: Time | None = None
+               ) -> PredictiveDesign:
+    """A model predictive controller for a `PredictiveController` of a diagram, from the linearised machine without it.
+
+    Regulator and Kalman filter are those of `design_lqg`, with the same arguments `weigh`, `effort` (of one output),
+    `disturbances`, `noise` and `at`. With the gain K and the Riccati matrix P of the regulator, the cost of any commands
+    is x' P x + (R + B' P B) sum v[k]^2 with v[k] = u[k] + K x[k] (Rawlings, Mayne, Diehl, Model Predictive Control, 2017,
+    section 1.3). The `horizon` is the number of commands whose limits are kept; behind it the regulator has none. Without
+    an active limit the command is that of the regulator. Raises UsageError as `design_lqg`, and for a horizon outside 1
+    to 30.
+    """
+    if not 1 <= horizon <= HORIZON:
+        raise UsageError([Problem("design-horizon", f"the horizon has {count(horizon, 'command')}; 1 to {HORIZON} are "
+                                  "possible", None, "Give for example --horizon 10 (in Python horizon=10).")])
+    controller, (a, b, c) = _regulated(model, block, ("F", "W"), weigh, effort, disturbances, noise, at)
+    assert controller.period is not None
+    rows, moves, responses = controller.gain, [], []
+    for _ in range(horizon):
+        moves.append(-rows)
+        responses.append(-rows @ b)
+        rows = rows @ (a - b @ controller.gain)
+    plan = np.vstack(moves)
+    first = np.concatenate([[1.0], np.ravel(responses)[:-1]])  # of the commands by a correction of the first one
+    response = np.array([[first[i - j] if i >= j else 0.0 for j in range(horizon)] for i in range(horizon)])
+    changes = np.eye(horizon) - np.eye(horizon, k=-1)
+    return PredictiveDesign(a, b, c, controller.observer, np.vstack([plan, changes @ plan]),
+                            np.vstack([response, changes @ response]), horizon, controller.period, controller)
+
+
+def _regulated(model: ModelOrFile, block: str, through: tuple[str, str], weigh: Mapping[str, float | str],
+               effort: Sequence[float], disturbances: Mapping[str, float | str], noise: Sequence[float], at: Time | None
+               ) -> tuple[ObserverController, tuple[Array, Array, Array]]:
+    """The LQG controller for a block, and the plant (A, B, C); the block has no effect if its matrices `through` are 0."""
     diagram = loaded(model)
     plain = StateSpaces(diagram, [], []).points.assembly
-    signals = [n for n in plain.flat.names if n.startswith((f"{block}.u[", f"{block}.y["))]
-    block_outputs, block_inputs = ([n for n in signals if n.startswith(f"{block}.{port}[")] for port in "yu")
-    matrices = [n for n in plain.parameter_names if n.startswith((f"{block}.C[", f"{block}.D["))]
-    blocks = sorted({n.partition(".C[")[0] for n in plain.parameter_names if ".C[" in n})
-    if not block_outputs or not block_inputs or not matrices:
-        raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y", None,
-                                  f"Name a LinearSystem or a DiscreteStateSpace{_of_diagram(blocks)}.")])
+    block_outputs, block_inputs = ([n for n in plain.flat.names if n.partition("[")[0] == f"{block}.{port}"]
+                                   for port in "yu")
+    heads = tuple(f"{block}.{matrix}[" for matrix in through)
+    matrices = [n for n in plain.parameter_names if n.startswith(heads)]
+    blocks = sorted({n.partition(f".{through[0]}[")[0] for n in plain.parameter_names if f".{through[0]}[" in n})
+    if through[0] == "C":
+        blocks = [name for name in blocks if f"{name}.F[1][1]" not in plain.parameter_names]
+    if not block_outputs or not block_inputs or not matrices or block not in blocks:
+        kinds = "a LinearSystem or a DiscreteStateSpace" if through[0] == "C" else "a PredictiveController"
+        raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y" if
+                                  through[0] == "C" else f"'{block}' is not a PredictiveController", None,
+                                  f"Name {kinds}{_of_diagram(blocks)}.")])
     for subject, sizes, ports in (("effort", effort, block_outputs), ("noise", noise, block_inputs)):
         if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
             raise UsageError([Problem("design-sizes", f"{subject} needs {count(len(ports), 'number')} above 0", None,
@@ -424,7 +488,7 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
                                       f"{listing(slow)}", None, f"Add {option} for a signal that " + (
                                           "contains it: what is not weighed is not controlled." if option == "--weigh" else
                                           "acts on it: without a disturbance the filter does not correct it."))])
-    return controller
+    return controller, (a, b[:, :m], c[:k])
 
 
 def _of_diagram(blocks: Sequence[str]) -> str:

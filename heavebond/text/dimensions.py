@@ -154,6 +154,11 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
     if name in ("dot", "cross"):
         second = number_dimension(args[1], lookup)
         return ANY if first is ANY or second is ANY else times(first, second)
+    if name == "least_distance":
+        limited = number_dimension(args[1], lookup)
+        for arg in args[2:]:
+            limited = _same((args[1], limited), (arg, number_dimension(arg, lookup)), name, expr.column)
+        return ANY if first is ANY or limited is ANY else times(limited, first, -1)
     common: Dimension | None = first
     for arg in args[1:]:
         common = _same((args[0], common), (arg, number_dimension(arg, lookup)), name, expr.column)

@@ -192,6 +192,18 @@ class Lengths:
             return None
         if name in ("dot", "cross"):
             return self._vectors(expr, lengths)
+        if name == "least_distance":
+            matrix = lengths[0]
+            if not isinstance(matrix, tuple):
+                raise ExpressionProblem("list-number", f"least_distance takes a matrix first; this is "
+                                        f"{shape_text(matrix, self.exact)}", _start(expr.args[0]),
+                                        hint="Declare it with `count: [n, m]`.")
+            for arg, shape in zip(expr.args[1:], lengths[1:], strict=True):
+                if not isinstance(shape, int) or (self.exact and shape != matrix[0]):
+                    raise ExpressionProblem("list-length", f"least_distance takes a list for the rows of "
+                                            f"{shape_text(matrix, self.exact)}; this is {shape_text(shape, self.exact)}",
+                                            _start(arg), hint="The lists have an element for each row of the matrix.")
+            return matrix[1]
         if name == "if_else":
             self.number(expr.args[0], "the condition of if_else")
             if _zero(expr.args[1]) or _zero(expr.args[2]):

@@ -32,7 +32,8 @@ _SIGNS = {"<=": r"\le", ">=": r"\ge", "==": "=", "!=": r"\ne", "<": "<", ">": ">
 _WORDS = {"exp": r"\exp", "log": r"\ln", "sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh",
           "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "min": r"\min", "max": r"\max",
           "sign": r"\operatorname{sgn}", "uniform": r"\operatorname{uniform}",
-          **{name: rf"\operatorname{{{name}}}" for name in ("atan2", "symmetric", "definite", "semidefinite")}}
+          **{name: rf"\operatorname{{{name}}}" for name in ("atan2", "least_distance", "symmetric", "definite",
+                                                                         "semidefinite")}}
 # binding strength of an expression; a fraction needs no brackets in a product, but needs them as the base of a power
 _SUM, _SIGNED, _PRODUCT, _FRACTION, _POWER, _ATOM = range(6)
 _DIFFERENCE = re.compile(r"d([pTxVwm])")
