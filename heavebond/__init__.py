@@ -47,7 +47,15 @@ if TYPE_CHECKING:
     from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
-    from heavebond.linear.design import design_gains, design_lqg, design_mpc, filter_coefficients, lqg
+    from heavebond.linear.design import (
+        design_gains,
+        design_lead,
+        design_lqg,
+        design_mpc,
+        design_notch,
+        filter_coefficients,
+        lqg,
+    )
     from heavebond.linear.linear_system import StateSpace, state_space
     from heavebond.linear.linearisation import ModesAtStart
     from heavebond.linear.margins import loop_crossings, loop_margins
@@ -85,7 +93,8 @@ __version__ = VERSION
 _EXPORTS = {
     "linear.linear_system": ("state_space", "StateSpace"),
     "linear.root_locus": ("root_locus",),
-    "linear.design": ("design_gains", "design_lqg", "design_mpc", "filter_coefficients", "lqg"),
+    "linear.design": ("design_gains", "design_lead", "design_lqg", "design_mpc", "design_notch", "filter_coefficients",
+                      "lqg"),
     "linear.margins": ("loop_crossings", "loop_margins"),
     "energy_audit.simplification": ("simplify",),
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
@@ -139,11 +148,12 @@ __all__ = [
     "ModesAtStart", "Monitoring", "Motion", "Optimal", "OptimalProblem", "Picture", "Rankings", "Result",
     "RunWarning", "SavedRun", "Signal", "SignalAnalysis", "SimulationError", "Simulator", "StartError",
     "StateEstimate", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError",
-    "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lqg", "design_mpc",
-    "diagnose", "draw", "energy", "errors", "export", "filter_coefficients", "find_laws", "fit", "import_model",
-    "library", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings", "loop_margins", "lqg",
-    "modes", "monitor", "moving_horizon", "native_code", "new", "optimal", "optimal_task", "read_run", "root_locus",
-    "sensitivity", "signal", "simplify", "simulate", "state_space", "study", "sweep", "tune", "tuning_task",
+    "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lead", "design_lqg",
+    "design_mpc", "design_notch", "diagnose", "draw", "energy", "errors", "export", "filter_coefficients",
+    "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study", "loads", "localize",
+    "loop_crossings", "loop_margins", "lqg", "modes", "monitor", "moving_horizon", "native_code", "new", "optimal",
+    "optimal_task", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate", "state_space", "study",
+    "sweep", "tune", "tuning_task",
 ]
 
 

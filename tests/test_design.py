@@ -274,7 +274,7 @@ def test_a_state_that_the_weights_do_not_contain_is_named(tmp_path: Path, monkey
         assert "cart.x" in run.output or "design-riccati" in run.output
 
 
-CART = """model: cart
+PUSHED_CART = """model: cart
 components:
   control: BLOCK
   sensor:  {is: Gain, k: 1, u: "=cart.x/1 m"}
@@ -289,9 +289,10 @@ initial: {cart.x: 1 m, cart.v: 0 m/s}
 show: {x: {is: cart.x, unit: m}, y: {is: command.u, unit: 1}}
 simulate: {until: 3 s, every: 25 ms}
 """
-PREDICTIVE = CART.replace("OUT", "control.y").replace("BLOCK", "{is: PredictiveController, n: 1, r: 1, LIMITS, T_s: 50 ms}")
-REGULATOR = CART.replace("OUT", '"control.y[1]"').replace("BLOCK", "{is: DiscreteStateSpace, n: 1, m: 1, r: 1, A: [[0]], "
-                                                         "B: [[0]], C: [[0]], T_s: 50 ms}")
+PREDICTIVE = PUSHED_CART.replace("OUT", "control.y").replace(
+    "BLOCK", "{is: PredictiveController, n: 1, r: 1, LIMITS, T_s: 50 ms}")
+REGULATOR = PUSHED_CART.replace("OUT", '"control.y[1]"').replace(
+    "BLOCK", "{is: DiscreteStateSpace, n: 1, m: 1, r: 1, A: [[0]], B: [[0]], C: [[0]], T_s: 50 ms}")
 TASK = ["--weigh", "cart.x=10 mm", "--effort", "0.05", "--disturbance", "cart.f=1 N", "--noise", "1e-4", "--in-place"]
 
 
@@ -378,3 +379,93 @@ def test_mistakes_of_a_predictive_design_are_named(cart_runs: dict[str, Path], t
         assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
     run = CliRunner().invoke(main, ["export", str(cart_runs["wide"]), "-o", str(tmp_path / "cart.mo")])
     assert run.exit_code == 2 and "least_distance" in run.output
+
+
+COMPENSATED = """model: compensated
+components:
+  target: {is: Constant, k: 0}
+  gain:   {is: Gain, k: GAIN, u: =target.y - plant.y}
+  lead:   {is: LeadLag, T_1: 1 s, T_2: 1 s, u: =gain.y}
+  notch:  {is: NotchFilter, f_n: 3 Hz, zeta_z: 0.7, u: =lead.y}
+  plant:  {is: TransferFunction, b: B, a: A, u: =notch.y}
+simulate: {until: 1 s}
+"""
+
+
+def transfer(numbers: np.ndarray) -> str:
+    return "[" + ", ".join(repr(float(x)) for x in numbers) + "]"
+
+
+def test_leads_and_lags_of_random_plants_have_the_margins_that_python_control_finds() -> None:
+    """Both programs compute with rational functions; 1e-5 leaves room for polynomials of order 5."""
+    control, random = pytest.importorskip("control"), np.random.default_rng(2)
+    s, signs = control.tf("s"), set()
+    for _ in range(8):
+        lags = random.uniform(0.02, 0.5, 2)
+        a, b = np.poly([0, *(-1 / lags)]), np.array([random.uniform(0.5, 5) / np.prod(lags)])
+        plant = control.tf(np.concatenate([np.zeros(3), b]), a)
+        crossover = float(random.uniform(0.5, 2) / (2 * np.pi))
+        unchanged = np.degrees(np.angle(-plant(2j * np.pi * crossover)))
+        margin = float(np.clip(unchanged + random.uniform(-45, 60), 10, 80))
+        signs.add(margin > unchanged)
+        model = hb.loads(COMPENSATED.replace("GAIN", "1").replace("b: B", f"b: {transfer([0, 0, 0, *b])}").replace(
+            "a: A", f"a: {transfer(a)}"))
+        design = hb.design_lead(model, "gain.y", "lead", crossover=crossover, phase_margin=margin)
+        k, t_1, t_2 = (design.values[f"lead.{name}"] for name in ("k", "T_1", "T_2"))
+        loop = k * (t_1 * s + 1) / (t_2 * s + 1) * plant
+        gain_margin, phase_margin, _, gain_at = control.margin(loop)
+        assert phase_margin == pytest.approx(margin, rel=1e-5) and design.phase_margin == pytest.approx(margin, rel=1e-5)
+        assert gain_at == pytest.approx(2 * np.pi * crossover, rel=1e-5)
+        assert design.crossings.gain_up.value == pytest.approx(gain_margin, rel=1e-5)
+        assert t_2 == pytest.approx(10 * t_1) if margin < unchanged else \
+            2 * np.pi * crossover == pytest.approx(1 / np.sqrt(t_1 * t_2))  # the largest phase of a lead is there
+        band = hb.design_lead(model, "gain.y", "lead", bandwidth=design.bandwidth, phase_margin=margin)
+        assert band.crossover == pytest.approx(crossover, rel=0.2)
+        assert band.bandwidth == pytest.approx(design.bandwidth, rel=1e-3)
+    assert signs == {True, False}
+
+
+def test_notches_of_random_plants_cancel_the_mode_that_limits_the_gain() -> None:
+    """The gain margins beside python-control; the frequency and damping of the mode are exact."""
+    control, random = pytest.importorskip("control"), np.random.default_rng(3)
+    s = control.tf("s")
+    for _ in range(5):
+        f_n, zeta = float(random.uniform(2, 8)), float(random.uniform(0.005, 0.05))
+        w = 2 * np.pi * f_n
+        mode = np.array([1 / w**2, 2 * zeta / w, 1])
+        a = np.convolve([1, 0], np.convolve([0.01, 1], mode))
+        model = hb.loads(COMPENSATED.replace("GAIN", f"{zeta * w!r}").replace("b: B", "b: [0, 0, 0, 0, 1]").replace(
+            "a: A", f"a: {transfer(a)}"))
+        design = hb.design_notch(model, "gain.y", "notch", points={"slow": {"gain.k": zeta * w / 2}})
+        assert design.values["notch.f_n"] == pytest.approx(f_n, rel=1e-6)
+        assert design.values["notch.zeta_z"] == pytest.approx(zeta, rel=1e-5)
+        plant = control.tf([0, 0, 0, 0, zeta * w], a)
+        notch = (s**2 / w**2 + 2 * zeta / w * s + 1) / (s**2 / w**2 + 1.4 / w * s + 1)
+        expected = control.margin(control.minreal(notch * plant, 1e-6, False))[0]
+        assert design.crossings.gain_up.value == pytest.approx(expected, rel=1e-3)
+        assert design.crossings.gain_up.value > 5 * control.margin(plant)[0]
+        assert design.points["slow"].gain_up.value == pytest.approx(2 * design.crossings.gain_up.value, rel=1e-6)
+
+
+def test_the_command_designs_a_lead_and_a_notch_in_the_diagram(tmp_path: Path) -> None:
+    path, w = tmp_path / "axis.yaml", 2 * np.pi * 5
+    a = np.convolve([1, 0], np.convolve([0.01, 1], [1 / w**2, 0.02 / w, 1]))
+    path.write_text(COMPENSATED.replace("GAIN", "1").replace("b: B", "b: [0, 0, 0, 0, 1]").replace(
+        "a: A", f"a: {transfer(a)}"), encoding="utf-8")
+    common = ["design", str(path), "--loop", "gain.y", "--over", "gain.k=0.5, 2"]
+    run = CliRunner().invoke(main, [*common, "--notch", "notch", "--in-place"])
+    assert run.exit_code == 0 and "gain.k = 2" in run.output, run.output
+    run = CliRunner().invoke(main, [*common, "--lead", "lead", "--bandwidth", "2 Hz", "--phase-margin", "70 deg",
+                                    "--in-place"])
+    assert run.exit_code == 0 and "bandwidth 2 Hz" in run.output, run.output
+    values = hb.assemble(hb.load(path)).parameter_values
+    assert values["notch.f_n"] == pytest.approx(5, rel=1e-6) and values["lead.T_1"] != 1
+    margins = hb.loop_crossings(hb.load(path), "gain.y")
+    assert margins.least_phase.value == pytest.approx(70, rel=1e-4) and margins.gain_up.value > 2
+    for arguments, said in (
+            (["--lead", "plant", "--crossover", "1 Hz", "--phase-margin", "60 deg"], "Name a LeadLag: lead"),
+            (["--notch", "lead"], "Name a NotchFilter"), (["--lead", "lead", "--crossover", "1 Hz"], "needs a phase margin"),
+            (["--lead", "lead", "--crossover", "20 Hz", "--phase-margin", "80 deg"], "two blocks in series"),
+            (["--notch", "notch", "--lead", "lead"], "exactly one of")):
+        run = CliRunner().invoke(main, [*common, *arguments])
+        assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)

@@ -248,7 +248,8 @@ NOT_A_GENERALISATION = {
     "a signal of a controller or a source is known":
         "DelayChain < *; LeadLag < *; NotchFilter < *; Quantiser < *; RateLimit < *; TransferFunction < *; "
         "Chirp < *; AnalogDigitalConverter < *; DelayedSampleHold < *; Discrete* < *; EdgeDetector < *; FirstOrderHold < *; "
-        "LossySampleHold < *; MovingAverage < *; OnDelay < *; PadeDelay < *; RandomWalk < *; SampleHold < *; UnitDelay < *",
+        "LossySampleHold < *; MovingAverage < *; OnDelay < *; PadeDelay < *; PredictiveController < *; RandomWalk < *; "
+        "SampleHold < *; UnitDelay < *",
 }
 
 

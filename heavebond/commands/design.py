@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 @click.option("--loop", metavar="SIGNAL", help="Gains of the loop through this signal.")
 @click.option("--free", metavar="PARAMETER[,...]", multiple=True,
               help="With --loop: the gains, proportional, integral, derivative; or one or two of them.")
+@click.option("--lead", metavar="BLOCK", help="With --loop: a LeadLag from crossover or bandwidth and phase margin.")
+@click.option("--notch", metavar="BLOCK", help="With --loop: a NotchFilter at the mode that limits the gain.")
 @click.option("--crossover", metavar="FREQUENCY", help="With --loop: frequency of the gain 1: '0.5 Hz'.")
 @click.option("--bandwidth", metavar="FREQUENCY", help="With --loop: bandwidth of the closed loop, in place of --crossover.")
 @click.option("--phase-margin", metavar="ANGLE", help="With --loop: phase margin, e.g. '60 deg'.")
@@ -75,11 +77,12 @@ if TYPE_CHECKING:
 @click.option("--in-place", is_flag=True, help="Write the values into DIAGRAM; comments and layout are kept.")
 @native_option
 @json_option
-def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str | None, bandwidth: str | None,
-           phase_margin: str | None, filtered: str | None, kind: str, order: int, cut_off: str | None, band: str,
-           ripple: float, attenuation: float, lqg: str | None, mpc: str | None, horizon: int, weigh: tuple[str, ...],
-           effort: str, disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None,
-           settings: tuple[str, ...], written: Path | None, in_place: bool) -> dict[str, object]:
+def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None, notch: str | None,
+           crossover: str | None, bandwidth: str | None, phase_margin: str | None, filtered: str | None, kind: str,
+           order: int, cut_off: str | None, band: str, ripple: float, attenuation: float, lqg: str | None, mpc: str | None,
+           horizon: int, weigh: tuple[str, ...], effort: str, disturbances: tuple[str, ...], noise: str,
+           overs: tuple[str, ...], at: str | None, settings: tuple[str, ...], written: Path | None, in_place: bool
+           ) -> dict[str, object]:
     """Design a controller of DIAGRAM on the linearised machine, with its samples, holds and delays.
 
     heavebond design cmc_ahc --loop command --free controller.K_p --crossover '0.2 Hz'
@@ -100,6 +103,12 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
     if sum(task is not None for task in (loop, filtered, lqg, mpc)) != 1:
         raise UsageError([Problem("design-task", "exactly one of --loop, --filter, --lqg and --mpc is needed", None,
                                   "Write for example --loop controller.y --free controller.K_p --crossover '1 Hz'.")])
+    if loop is not None and sum([bool(free), lead is not None, notch is not None]) > 1:
+        raise UsageError([Problem("design-task", "with --loop exactly one of --free, --lead and --notch is needed", None,
+                                  "Design a notch first, and the gains in a second step.")])
+    if loop is None and (lead or notch):
+        raise UsageError([Problem("design-task", "--lead and --notch need the signal of the loop", None,
+                                  "Add for example --loop controller.y.")])
     if written is not None:
         check_new(written, (".yaml",))
     if in_place and not Path(model).is_file():
@@ -110,7 +119,8 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
         diagram = with_settings(load(model), settings)
         units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
         if loop is not None:
-            items, values, figures = _loop(diagram, loop, listed(free), crossover, bandwidth, phase_margin, at, overs)
+            items, values, figures = _loop(diagram, loop, listed(free), lead, notch, crossover, bandwidth, phase_margin, at,
+                                           overs)
             texts: dict[str, Tree] = {name: units[name].written(value) for name, value in values.items()}
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
@@ -130,18 +140,27 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
     return {"model": diagram.name, **figures, "values": texts, "files": list(map(str, files))}
 
 
-def _loop(diagram: Model, loop: str, free: Sequence[str], crossover: str | None, bandwidth: str | None,
-          phase_margin: str | None, at: str | None, overs: Sequence[str]
+def _loop(diagram: Model, loop: str, free: Sequence[str], lead: str | None, notch: str | None, crossover: str | None,
+          bandwidth: str | None, phase_margin: str | None, at: str | None, overs: Sequence[str]
           ) -> tuple[list[Item], Mapping[str, float], dict[str, object]]:
-    from heavebond.linear.design import design_gains
+    from heavebond.linear.design import design_gains, design_lead, design_notch
     from heavebond.reports.analysis_tables import design_items
     from heavebond.studies.sweep import read_over
 
     points: dict[str, dict[str, str | float]] = {}
     for axis in map(read_over, overs):
         points |= {f"{axis.path} = {value}": {axis.path: value} for value in axis.values}
-    result = design_gains(diagram, loop, free, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin, at=at,
-                          points=points)
+    if lead is not None:
+        if phase_margin is None:
+            raise UsageError([Problem("design-margin", "a lead or lag needs a phase margin", None,
+                                      "Give for example --phase-margin '60 deg'.")])
+        result = design_lead(diagram, loop, lead, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin, at=at,
+                             points=points)
+    elif notch is not None:
+        result = design_notch(diagram, loop, notch, at=at, points=points)
+    else:
+        result = design_gains(diagram, loop, free, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin,
+                              at=at, points=points)
 
     def margins_of(crossings: Crossings) -> dict[str, object]:
         margins = {"gain_up": crossings.gain_up, "gain_down": crossings.gain_down, "phase": crossings.least_phase,

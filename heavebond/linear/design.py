@@ -25,12 +25,15 @@ from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.linear_system import Complex, StateSpace, StateSpaces
 from heavebond.linear.margins import Crossings, crossings, loops, open_loop
+from heavebond.linear.stability import Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time
 
 HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
 FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
 BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
+LEAD, LAG = np.radians(75.0), np.radians(50.0)  # largest changes of the phase by a LeadLag: ratios 1/58 and 10
+ROUNDS = 20  # corrections of a compensator between samplers
 HORIZON = 30  # commands of a predictive controller at most: its equations grow with the third power
 
 
@@ -110,14 +113,11 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
 
     subject, prescribed = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
     assert prescribed is not None
-    frequency, highest = _number(prescribed, "Hz", subject), singles[0].highest
-    if not 0 < frequency < highest:
-        sampled = f"half the sampling rate of the loop, {highest:.4g} Hz" if highest < np.inf else "infinity"
-        raise UsageError([Problem("design-frequency", f"the {subject} is {frequency:.4g} Hz: it must be above 0 and below "
-                                  f"{sampled}", None, f"Give another --{subject}, for example '"
-                                  f"{min(0.5, highest / 10):.2g} Hz'.")])
+    frequency = _number(prescribed, "Hz", subject)
+    _check_frequency(frequency, subject, singles[0].highest)
     if subject == "bandwidth":
-        frequency = _crossover_for(frequency, gains_at, singles, sizes)
+        band = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
+        frequency = _crossover_for(frequency, lambda crossover: complex(np.dot(gains_at(crossover), band)))
     gains = gains_at(frequency)
     values = dict(zip(names, gains.tolist(), strict=True))
     closed = state_spaces.at(values)
@@ -129,11 +129,7 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
         raise UsageError([Problem("design-not-linear", f"the loop through '{signal}' is not a linear function of "
                                   f"{listing(names)}", None, "Name the gains of one controller in this loop; other "
                                   "parameters are tuned by `heavebond tune`.")])
-    phase = float(np.degrees(np.angle(-value)))
-    at_points = {name: loop_at(diagram, signal, {**settings, **{n: v for n, v in values.items() if n not in settings}}, at)
-                 for name, settings in (points or {}).items()}
-    return LoopDesign(signal, values, crossings(loop, closed.stability()), frequency, phase, _bandwidth(loop, frequency),
-                      at_points)
+    return _designed(diagram, signal, values, loop, closed.stability(), frequency, at, points)
 
 
 def _single(state_spaces: StateSpaces, names: Sequence[str], name: str, size: float) -> StateSpace:
@@ -217,16 +213,13 @@ def _closed_gain(loop: complex) -> float:
     return float(abs(loop / (1 + loop)))
 
 
-def _crossover_for(bandwidth: float, gains_at: Callable[[float], Array], singles: Sequence[StateSpace],
-                   sizes: Sequence[float]) -> float:
-    """The crossover in Hz with which |L/(1 + L)| is 1/sqrt(2) at the bandwidth."""
+def _crossover_for(bandwidth: float, loop_for: Callable[[float], complex]) -> float:
+    """The crossover in Hz with which |L/(1 + L)| is 1/sqrt(2) at the bandwidth, where L at the bandwidth is `loop_for` the
+    crossover."""
     from scipy.optimize import brentq
 
-    at_band = [loop.response(2j * np.pi * bandwidth)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
-
     def excess(frequency: float) -> float:
-        gains = gains_at(frequency)
-        return _closed_gain(complex(np.dot(gains, at_band))) - HALF_POWER
+        return _closed_gain(loop_for(frequency)) - HALF_POWER
 
     grid, values = np.geomspace(bandwidth / 10, bandwidth, 40), []
     for frequency in grid.tolist():
@@ -257,6 +250,151 @@ def _bandwidth(loop: StateSpace, crossover: float) -> float:
         return _closed_gain(complex(loop.response(2j * np.pi * frequency)[0, 0, 0])) - HALF_POWER
 
     return float(brentq(excess, frequencies[below[0]], frequencies[below[0] + 1]))
+
+
+def design_lead(model: ModelOrFile, signal: str, block: str, *, crossover: float | str | None = None,
+                bandwidth: float | str | None = None, phase_margin: float | str, at: Time | None = None,
+                points: Mapping[str, Mapping[str, float | str]] | None = None) -> LoopDesign:
+    """A lead or lag compensator k (T_1 s + 1)/(T_2 s + 1) in a loop, from its crossover or bandwidth, and its phase margin.
+
+    The `block` is a `LeadLag` in the loop through `signal`, whose other parts keep their gains. If phase is missing at the
+    crossover, the block has its largest phase there (lead, T_1 > T_2). If there is too much, it is a lag with T_2 = 10 T_1,
+    which has ten times the gain at low frequencies. The other arguments are as for `design_gains`. Raises UsageError if the
+    block is not in the loop, or if the phase would have to change by more than a block can: 75 degrees or -50.
+    """
+    diagram = loaded(model)
+    names = [f"{block}.{name}" for name in ("k", "T_1", "T_2")]
+    _check_gains(names[:2], crossover, bandwidth, phase_margin)
+    margin = np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
+    if not 0 < margin < np.pi:
+        raise UsageError([Problem("design-margin", f"the phase margin is {np.degrees(margin):.4g} deg: it must be above 0 "
+                                  "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
+    state_spaces = _loops_through(diagram, signal, block, names, "LeadLag", at)
+    plain = open_loop(state_spaces.at(dict(zip(names, (1.0, 1.0, 1.0), strict=True))))
+    subject, prescribed = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
+    assert prescribed is not None
+    frequency = _number(prescribed, "Hz", subject)
+    _check_frequency(frequency, subject, plain.highest)
+    target = np.exp(1j * (margin - np.pi))
+
+    def compensator(at_crossover: float, factor: complex) -> Array:
+        """k, T_1 and T_2 with a value of the compensator at the crossover."""
+        omega, phase = 2 * np.pi * at_crossover, float(np.angle(factor))
+        if not -LAG < phase < LEAD:
+            raise UsageError([Problem("design-not-reached", f"the phase at {at_crossover:.4g} Hz would have to change by "
+                                      f"{np.degrees(phase):.4g} degrees; a lead gives {np.degrees(LEAD):.0f} at most, a lag "
+                                      f"takes {np.degrees(LAG):.0f}", None, "Change the crossover or the margin, or design "
+                                      "two blocks in series.")])
+        if phase >= 0:
+            ratio = (1 - np.sin(phase)) / (1 + np.sin(phase))
+            t_1, t_2 = 1 / (omega * np.sqrt(ratio)), np.sqrt(ratio) / omega
+        else:  # tan(-phase) = 9 x/(1 + 10 x^2) with x = omega T_1
+            tangent = np.tan(-phase)
+            t_1 = (9 + np.sqrt(81 - 40 * tangent**2)) / (20 * tangent * omega)
+            t_2 = 10 * t_1
+        return np.array([abs(factor * (1 + 1j * omega * t_2) / (1 + 1j * omega * t_1)), t_1, t_2])
+
+    def response(values: Array, at_frequency: float) -> complex:
+        s = 2j * np.pi * at_frequency
+        return complex(values[0] * (1 + s * values[1]) / (1 + s * values[2]))
+
+    def open_response(at_frequency: float) -> complex:
+        return complex(plain.response(2j * np.pi * at_frequency)[0, 0, 0])
+
+    if subject == "bandwidth":
+        band, at_band = frequency, open_response(frequency)
+        frequency = _crossover_for(band, lambda guess: at_band * response(compensator(
+            guess, target / open_response(guess)), band))
+    factor = target / open_response(frequency)
+    for _ in range(ROUNDS):  # between samplers the block is not a factor of the loop
+        values = dict(zip(names, compensator(frequency, factor).tolist(), strict=True))
+        closed = state_spaces.at(values)
+        loop = open_loop(closed)
+        value = complex(loop.response(2j * np.pi * frequency)[0, 0, 0])
+        if abs(value / target - 1) < DESIGN.linear:
+            break
+        factor *= target / value
+    else:
+        raise UsageError([Problem("design-not-reached", f"the phase margin is not reached at {frequency:.4g} Hz", None,
+                                  "Lower the crossover; near half the sampling rate the block has other phases.")])
+    return _designed(diagram, signal, values, loop, closed.stability(), frequency, at, points)
+
+
+def design_notch(model: ModelOrFile, signal: str, block: str, *, at: Time | None = None,
+                 points: Mapping[str, Mapping[str, float | str]] | None = None) -> LoopDesign:
+    """A notch at the mode that limits the gain of a loop.
+
+    The `block` is a `NotchFilter` in the loop through `signal`. Without the notch the loop has its gain margin near the mode
+    that limits the gain. The notch receives the frequency and the damping ratio of this mode of the open loop, so that its
+    zeros cancel the poles of the mode; the width `zeta_p` remains. `at` and `points` are as for `design_gains`. Raises
+    UsageError if the block is not in the loop, if no mode with a damping ratio below 0.5 is within a factor of two of
+    the gain margin, or if the notch does not increase the gain margin.
+    """
+    diagram = loaded(model)
+    names = [f"{block}.{name}" for name in ("f_n", "zeta_z", "zeta_p")]
+    state_spaces = _loops_through(diagram, signal, block, names, "NotchFilter", at)
+    width = state_spaces.points.assembly.parameter_values[names[2]]
+    closed = state_spaces.at({names[1]: width})
+    plain = open_loop(closed)
+    before = crossings(plain, closed.stability())
+    limit = before.least_gain if before.unstable else before.gain_up
+    if limit is None:
+        raise UsageError([Problem("design-no-limit", f"the gain of the loop through '{signal}' is not limited", None,
+                                  "A notch is not needed.")])
+    poles = np.linalg.eigvals(plain.a)
+    if plain.period is not None:
+        poles = np.log(poles[np.abs(poles) > 0].astype(complex)) / plain.period
+    filters = 2 * np.pi * state_spaces.points.assembly.parameter_values[names[0]]  # the poles of the block itself
+    modes = [(abs(pole) / (2 * np.pi), -pole.real / abs(pole)) for pole in poles.tolist() if pole.imag > 0 and not (
+        abs(abs(pole) / filters - 1) < 1e-6 and abs(-pole.real / abs(pole) - width) < 1e-6)]
+    near = [(mode, ratio) for mode, ratio in modes if ratio < 0.5 and 0.5 < mode / max(limit.frequency, 1e-300) < 2]
+    if not near:
+        raise UsageError([Problem("design-no-mode", f"the gain is limited at {limit.frequency:.4g} Hz, and no mode with a "
+                                  "damping ratio below 0.5 is within a factor of two of it", None,
+                                  "Design a lead (--lead) or the gains (--free) instead.")])
+    mode, ratio = min(near, key=lambda entry: abs(np.log(entry[0] / limit.frequency)))
+    values = {names[0]: mode, names[1]: max(ratio, 0.0)}
+    closed = state_spaces.at(values)
+    loop, found = open_loop(closed), closed.stability()
+    after = crossings(loop, found)
+    if after.unstable or (after.gain_up is not None and not before.unstable and after.gain_up.value <= limit.value):
+        raise UsageError([Problem("design-notch", f"a notch at {mode:.4g} Hz does not increase the gain margin of "
+                                  f"{limit.value:.4g} at {limit.frequency:.4g} Hz", None, f"Give another {names[2]} (its "
+                                  "width), or lower the gain of the loop first.")])
+    crossover = after.least_phase.frequency if after.least_phase is not None else float("nan")
+    return _designed(diagram, signal, values, loop, found, crossover, at, points)
+
+
+def _loops_through(diagram: Model, signal: str, block: str, names: Sequence[str], kind: str, at: Time | None) -> StateSpaces:
+    """The loop through a signal, for values of the parameters `names` of a block; UsageError for a block without these."""
+    state_spaces = loops(diagram, signal, at)
+    known = state_spaces.points.assembly.parameter_values
+    if any(name not in known for name in names):
+        first = names[0].rpartition(".")[2]
+        blocks = sorted(n.rpartition(".")[0] for n in known if n.rpartition(".")[2] == first and all(
+            f"{n.rpartition('.')[0]}.{name.rpartition('.')[2]}" in known for name in names))
+        raise UsageError([Problem("design-block", f"'{block}' is not a {kind}", None,
+                                  f"Name a {kind}{_of_diagram(blocks)}.")])
+    return state_spaces
+
+
+def _check_frequency(frequency: float, subject: str, highest: float) -> None:
+    if not 0 < frequency < highest:
+        sampled = f"half the sampling rate of the loop, {highest:.4g} Hz" if highest < np.inf else "infinity"
+        raise UsageError([Problem("design-frequency", f"the {subject} is {frequency:.4g} Hz: it must be above 0 and below "
+                                  f"{sampled}", None, f"Give another --{subject}, for example '"
+                                  f"{min(0.5, highest / 10):.2g} Hz'.")])
+
+
+def _designed(diagram: Model, signal: str, values: Mapping[str, float], loop: StateSpace, found: Stability, crossover: float,
+              at: Time | None, points: Mapping[str, Mapping[str, float | str]] | None) -> LoopDesign:
+    """The design with its margins at the operating point and at the further points."""
+    has_crossover = crossover == crossover
+    phase = float(np.degrees(np.angle(-loop.response(2j * np.pi * crossover)[0, 0, 0]))) if has_crossover else float("nan")
+    at_points = {name: loop_at(diagram, signal, {**settings, **{n: v for n, v in values.items() if n not in settings}}, at)
+                 for name, settings in (points or {}).items()}
+    return LoopDesign(signal, values, crossings(loop, found), crossover, phase,
+                      _bandwidth(loop, crossover) if has_crossover else float("nan"), at_points)
 
 
 def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: str = "lowpass", *, ripple: float = 1.0,
