@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import number
 from heavebond.language.view import WIDE
 from heavebond.numerics.dae import Array
 from heavebond.pictures.motion import Motion, Moving, Outline
-from heavebond.pictures.projection import Camera, middle, polygons
+from heavebond.pictures.projection import Camera, cell_size, middle, polygons
 
 RATE, MOST = 12, 600  # pictures per second, and in all: a GIF holds each of them completely
 HEIGHT, BREADTH, DPI = 6.0, 9.0, 90  # inches at most
@@ -44,9 +45,9 @@ def save_film(motion: Motion, path: Path, speed: float) -> None:
         writer = FFMpegWriter(fps=RATE)
     figure, draw = _in_space(motion) if motion.solids else _in_plane(motion)
     length = float(motion.time[-1] - motion.time[0]) / speed
-    number = max(2, min(MOST, int(length * RATE)))
+    frames = max(2, min(MOST, int(length * RATE)))
     with writer.saving(figure, str(path), DPI):
-        for k in np.linspace(0, len(motion.time) - 1, number).round().astype(int):
+        for k in np.linspace(0, len(motion.time) - 1, frames).round().astype(int):
             draw(int(k))
             writer.grab_frame()
 
@@ -110,6 +111,11 @@ def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
     painted = PolyCollection([], closed=False, capstyle="round", joinstyle="round")
     axes.add_collection(painted)
     clock = axes.text(0.015, 0.98, "", va="top", fontsize=10, transform=axes.transAxes)
+    ground = next((solid for solid in motion.solids if solid.kind == "ground"), None)
+    if ground is not None:
+        cell = cell_size(float(ground.courses["size"][0, 0]))
+        axes.text(0.015, 0.02, f"squares of {number(cell)} m", va="bottom", fontsize=8, color="#55606c",
+                  transform=axes.transAxes)
     labels = [(solid, axes.text(0, 0, solid.label, va="bottom", ha="center", fontsize=9)) for solid in motion.solids
               if solid.label]
 

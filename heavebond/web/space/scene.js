@@ -129,6 +129,7 @@
         const width = this.follow(solid.courses.size[0], 0, 0), ten = 10 ** Math.floor(Math.log10(width / 10));
         const cell = ten * ([1, 2, 5].find(n => width / (n * ten) <= 10) ?? 10), half = width / 2, lines = [];
         for (let k = -Math.floor(half / cell); k <= half / cell; k++) lines.push(k * cell, -half, 0, k * cell, half, 0, -half, k * cell, 0, half, k * cell, 0);
+        if (!this.rule) this.rule = this.place.appendChild(element("div", { class: "rule" }, `squares of ${+cell.toPrecision(3)} m`));
         const grid = new THREE.BufferGeometry();
         grid.setAttribute("position", new THREE.BufferAttribute(new Float32Array(lines), 3));
         group.add(new THREE.LineSegments(grid, new THREE.LineBasicMaterial({ color: edge, transparent: true, opacity: 0.45 })));
@@ -352,6 +353,11 @@
       pen.fillStyle = "#1d2733";
       pen.font = `${13 * scale}px Helvetica, Arial, sans-serif`;
       pen.textAlign = "center";
+      if (this.rule) {
+        pen.textAlign = "left";
+        pen.fillText(this.rule.textContent, 8 * scale, made.height - 8 * scale);
+        pen.textAlign = "center";
+      }
       for (const { label } of this.solids) {
         if (label && !label.hidden) pen.fillText(label.textContent, parseFloat(label.style.left) / 100 * made.width, parseFloat(label.style.top) / 100 * made.height - 6 * scale);
       }
