@@ -435,3 +435,30 @@ def test_an_fmu_for_model_exchange_that_fails_is_shown_with_its_log(tmp_path: Pa
         hb.simulate(hb.loads(whole("8 s", "150 s"), tmp_path), allow_fmu=True)
     assert "failed at t = 104 s" in str(caught.value)  # in the first step beyond the level of 0 at 100 s
     assert "tank.h falls below 0 m" in str(caught.value)
+
+
+def test_unconnected_inputs_keep_their_declared_start_values(rig: Path) -> None:
+    """Of an FMU, of a component and of a block; `check` and `run` list them."""
+    text = RIG.replace(", in_2: 1", "").replace("components:", "components:\n  own: {is: Own}\n  block: {is: Whole}")
+    Path("own.yaml").write_text("component: Own\nsummary: A law.\nports: {u: {signal: in, unit: V, default: 2 V}, "
+                                "y: {signal: out, unit: V}}\nequations: y = 3*u\n")
+    Path("whole.yaml").write_text("component: Whole\nsummary: A block.\nports: {u: {signal: in, unit: V, default: 5 mV}, "
+                                  "y: {signal: out, unit: V}}\ncomponents: {law: {is: Own}}\n"
+                                  "nodes: {u: [u, law.u], y: [law.y, y]}\n")
+    Path("rig.yaml").write_text(text)
+    expected = "controller.in_2 = 1.0"
+    answer = CliRunner().invoke(main, ["check", "rig.yaml"])
+    assert answer.exit_code == 0, answer.output
+    shown = " ".join(answer.stdout.split())
+    assert "unconnected own.u = 2 V, block.u = 5 mV, controller.in_2 = 1.0 (start value of the input)" in shown, shown
+    assert hb.assemble(hb.load("rig.yaml")).flat.expanded.defaults.keys() == {"own.u", "block.u", "controller.in_2"}
+    if COMPILER:
+        run = hb.simulate(hb.load("rig.yaml"), until="0.2 s", allow_fmu=True)
+        assert (run["own.y"][-1], run["block.y"][-1]) == (6, pytest.approx(0.015))
+        assert run["controller.force"][-1] != 0  # it is on
+        answer = CliRunner().invoke(main, ["run", "rig.yaml", "--until", "0.2 s", "--allow-fmu"])
+        assert expected in answer.stdout
+    wrong = Path("own.yaml").read_text().replace("y: {signal: out, unit: V}", "y: {signal: out, unit: V, default: 1 V}")
+    Path("own.yaml").write_text(wrong)
+    with pytest.raises(hb.ModelError, match="'y' cannot have a default"):
+        hb.assemble(hb.load("rig.yaml"))

@@ -104,6 +104,9 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         parts = lawless_parts(assembly)
         console.print(f"* depends on {listing(parts, 6)}, which {'have' if len(parts) > 1 else 'has'} no law",
                       soft_wrap=True, markup=False)
+    if defaults := assembly.flat.expanded.defaults:
+        console.print("unconnected: " + ", ".join(f"{name} = {value.text}" for name, value in defaults.items())
+                      + " (start value of the input)", soft_wrap=True, markup=False)
     files = _files(result, plotted or listed, output, saved)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

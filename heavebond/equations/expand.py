@@ -47,7 +47,7 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     wires = opener.wires
     expanded = Expanded(model, opener.leaves, wires.junctions, opener.parameters, wires.ports, wires.signals,
                         sheets={path: tuple(takers) for path, takers in opener.sheets.items()},
-                        approximated=tuple(opener.approximated))
+                        approximated=tuple(opener.approximated), defaults=wires.by_default)
     return expanded, opener.problems
 
 
@@ -215,6 +215,8 @@ class _Opener:
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
                   and (bound := self._setting_or_value(instance, name, prefix, path)
                        or self._given_whole(instance, name, prefix, path)) is not None}
+        inputs |= {name: Bound(self.wires.by_default[f"{path}.{name}"], path + ".", instance.place)
+                   for name in component.signals if f"{path}.{name}" in self.wires.by_default}
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
             self._body(component.body, path + ".", component, integers, (*kinds, component.name))

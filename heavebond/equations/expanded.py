@@ -81,7 +81,7 @@ class Expanded:
     """The opened diagram. The opened diagram. `ports` and `signals` give the domain or unit of each port end, by full port
     path; `media` the media of circuits with parts that need one; `sheets` the parameters that follow a data sheet.
     `approximated` are the parts with delayed variables that components without history replace, for computations without a
-    history: path, component and replacement.
+    history: path, component and replacement. `defaults` are the inputs on no node that have the value of their component.
     """
 
     model: Model
@@ -93,6 +93,7 @@ class Expanded:
     media: tuple[Medium, ...] = ()
     sheets: dict[str, tuple[str, ...]] = field(default_factory=dict)
     approximated: tuple[tuple[str, str, str], ...] = ()
+    defaults: dict[str, Value] = field(default_factory=dict)
 
     @property
     def blocks(self) -> list[str]:

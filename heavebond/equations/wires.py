@@ -10,7 +10,7 @@ from heavebond.core.errors import Place, Problems, listing, nearest, suggest
 from heavebond.core.units import is_generic
 from heavebond.equations.arrays import array_text, part_of
 from heavebond.equations.expanded import Junction, Leaf, PortEnd
-from heavebond.language.definition import Body, Component, End, Port, SignalPort
+from heavebond.language.definition import Body, Component, End, Port, SignalPort, Value
 from heavebond.language.sections import Setting
 from heavebond.text.shapes import whole_number
 
@@ -31,6 +31,7 @@ class Wires:
         # ports of parts inside blocks that a node outside them joins, and ends taken off nodes inside blocks, by node
         self.outside: dict[str, Place] = {}
         self.removed: dict[str, dict[str, Place]] = {}
+        self.by_default: dict[str, Value] = {}  # inputs that are on no node and have a default
 
     def inside_blocks(self) -> None:
         """Check that all wires to nodes and ports inside blocks are used."""
@@ -99,6 +100,9 @@ class Wires:
                     full = f"{path}.{signal_name}"
                     self.signals[full] = signal
                     has_value = signal_name in instance.settings or full in self.unused
+                    if signal.default is not None and not has_value and full not in joined_ports:
+                        self.by_default[full] = signal.default
+                        continue
                     self._input(name, signal, instance.place, has_value or full in joined_ports)
 
     def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],

@@ -200,7 +200,8 @@ def study() -> Schema:
 def component_file(known: Library) -> Schema:
     """A component."""
     domain: Schema = {"anyOf": [{"enum": list(known.domains)}, {"type": "string", "pattern": r"^\$"}]}
-    signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT, "count": COUNT}, ["signal", "unit"])
+    signal = _object({"signal": {"enum": ["in", "out"]}, "unit": UNIT, "doc": TEXT, "count": COUNT,
+                      "default": QUANTITY}, ["signal", "unit"])
     port = _object({"domain": domain, "doc": TEXT, "count": WHOLE}, ["domain"])
     parameter = _object({
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,

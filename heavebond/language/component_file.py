@@ -215,14 +215,23 @@ class _Parser:
             if isinstance(item, Scalar):
                 self._port(ports, key, item.text, item.place, None)
             elif isinstance(item, Mapping) and "signal" in item.items:
-                reading.known_keys(item, ("signal", "unit", "doc", "count"), f"signal '{name}'", self.problems, ("unit",))
+                reading.known_keys(item, ("signal", "unit", "doc", "count", "default"), f"signal '{name}'", self.problems,
+                                   ("unit",))
                 direction = reading.text(item.items.get("signal"), "signal", self.problems)
                 if direction not in ("in", "out"):
                     self.problems.add("signal-direction", f"'{direction}' is not a direction of a signal",
                                       item.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
                 unit = reading.unit(item.items.get("unit"), self.problems) or DIMENSIONLESS
+                default = item.items.get("default")
+                if default is not None and (direction != "in" or "count" in item.items):
+                    self.problems.add("signal-default", f"'{name}' cannot have a default", default.place,
+                                      hint="A default is the value of a scalar input that is on no node.")
+                value = reading.value(default, f"default of {name}", self.problems) if default is not None else None
+                if value is not None and not is_generic(unit.dimension):
+                    self._bound(item, "default", unit, key)
                 signals[name] = SignalPort(key.text, direction, unit, key.place,
-                                           reading.text(item.items.get("doc"), "doc", self.problems), *self._shape(item))
+                                           reading.text(item.items.get("doc"), "doc", self.problems), *self._shape(item),
+                                           default=value)
             elif isinstance(item, Mapping):
                 known = ("domain", "doc", "count")
                 reading.known_keys(item, known, f"port '{name}'", self.problems, ("domain",))

@@ -129,7 +129,8 @@ class Port:
 
 @dataclass(frozen=True)
 class SignalPort:
-    """A directed signal, `direction` in or out; `count` makes it a vector, with `columns` a matrix."""
+    """A directed signal, `direction` in or out; `count` makes it a vector, with `columns` a matrix. An input with a
+    `default` need not be connected."""
 
     name: str
     direction: str
@@ -138,6 +139,7 @@ class SignalPort:
     doc: str = ""
     count: Expr | None = None
     columns: Expr | None = None
+    default: Value | None = None
 
 
 @dataclass(frozen=True)

@@ -151,8 +151,9 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
                                         f"previous step.{kept_text}"),
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
-        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}}}"
-                  for entry, unit, v in known[kind]]
+        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}"
+                  + (f", default: {_quantity(_number(v, entry), unit)}" if kind == "input" and v.start is not None else "")
+                  + "}" for entry, unit, v in known[kind]]
     lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
               + (f", default: {float(step)!r} s" if step else "") + "}"]
     lines += [f"  {entry.name}: {{unit: {unit or 1}{_bounds(v, entry, unit)}, doc: {_doc(v)}, "

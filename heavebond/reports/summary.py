@@ -87,6 +87,7 @@ class Summary:
     start: tuple[StartLine, ...]
     solved: tuple[StartLine, ...]
     placeholders: tuple[str, ...] = ()
+    defaults: tuple[str, ...] = ()
     sheets: tuple[str, ...] = ()
     sampled: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
@@ -131,6 +132,8 @@ class Summary:
         rows += [("medium", words) for words in self.media]
         rows += [("data", words) for words in self.sheets]
         rows += [("placeholder", words) for words in self.placeholders]
+        if self.defaults:
+            rows.append(("unconnected", f"{', '.join(self.defaults)} (start value of the input)"))
         if self.inputs:
             rows.append(("measured", ", ".join(self.inputs)))
         if self.events:
@@ -219,7 +222,8 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
                     if line.name not in solved_for),
         solved=tuple(line for line in table if line.name in solved_for),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
-                           if leaf.component.placeholder), sampled=_sampled(assembly),
+                           if leaf.component.placeholder),
+        defaults=tuple(f"{name} = {value.text}" for name, value in expanded.defaults.items()), sampled=_sampled(assembly),
         transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
         machines=tuple(machines), redundancies=tuple(loop.text for loop in flat.redundancies))
 
