@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         design_lqg,
         design_mpc,
         design_notch,
+        design_schedule,
         filter_coefficients,
         lqg,
     )
@@ -93,8 +94,8 @@ __version__ = VERSION
 _EXPORTS = {
     "linear.linear_system": ("state_space", "StateSpace"),
     "linear.root_locus": ("root_locus",),
-    "linear.design": ("design_gains", "design_lead", "design_lqg", "design_mpc", "design_notch", "filter_coefficients",
-                      "lqg"),
+    "linear.design": ("design_gains", "design_lead", "design_lqg", "design_mpc", "design_notch", "design_schedule",
+                      "filter_coefficients", "lqg"),
     "linear.margins": ("loop_crossings", "loop_margins"),
     "energy_audit.simplification": ("simplify",),
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
@@ -149,11 +150,11 @@ __all__ = [
     "RunWarning", "SavedRun", "Signal", "SignalAnalysis", "SimulationError", "Simulator", "StartError",
     "StateEstimate", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError",
     "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lead", "design_lqg",
-    "design_mpc", "design_notch", "diagnose", "draw", "energy", "errors", "export", "filter_coefficients",
-    "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study", "loads", "localize",
-    "loop_crossings", "loop_margins", "lqg", "modes", "monitor", "moving_horizon", "native_code", "new", "optimal",
-    "optimal_task", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate", "state_space", "study",
-    "sweep", "tune", "tuning_task",
+    "design_mpc", "design_notch", "design_schedule", "diagnose", "draw", "energy", "errors", "export",
+    "filter_coefficients", "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study",
+    "loads", "localize", "loop_crossings", "loop_margins", "lqg", "modes", "monitor", "moving_horizon", "native_code",
+    "new", "optimal", "optimal_task", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate",
+    "state_space", "study", "sweep", "tune", "tuning_task",
 ]
 
 

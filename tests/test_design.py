@@ -469,3 +469,46 @@ def test_the_command_designs_a_lead_and_a_notch_in_the_diagram(tmp_path: Path) -
             (["--notch", "notch", "--lead", "lead"], "exactly one of")):
         run = CliRunner().invoke(main, [*common, *arguments])
         assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
+
+
+SCHEDULED = """model: scheduled
+parameters: {m: 2}
+components:
+  target:  {is: Constant, k: 0}
+  load:    {is: Constant, k: =m}
+  control: {is: ScheduledPID, x: [1, 2, 3], K_p: [1, 1, 1], y_min: -1e6, y_max: 1e6, r: =target.y, u: =plant.y, s: =load.y}
+  lag:     {is: FirstOrderLag, T_1: 0.1 s, u: =control.y}
+  plant:   {is: Integrator, k: "=(2 1/s)/m", u: =lag.y}
+initial: {plant.y: 0, lag.y: 0, control.q: 0}
+simulate: {until: 5 s, every: 10 ms}
+"""
+
+
+def test_a_table_of_gains_has_the_margins_at_its_points_and_between_them(tmp_path: Path) -> None:
+    """Gains that are proportional to the load are linear between the points: the margins are equal everywhere."""
+    path = tmp_path / "scheduled.yaml"
+    path.write_text(SCHEDULED, encoding="utf-8")
+    run = CliRunner().invoke(main, ["design", str(path), "--loop", "control.y", "--schedule", "control", "--free",
+                                    "control.K_p,control.K_i", "--crossover", "0.4 Hz", "--phase-margin", "50 deg", "--over",
+                                    "m=4, 1, 8", "--in-place", "--json", str(tmp_path / "told.json")])
+    assert run.exit_code == 0, run.output
+    told = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))
+    assert list(told["verdicts"]) == ["m = 1", "between 1 and 4", "m = 4", "between 4 and 8", "m = 8"]
+    assert set(told["verdicts"].values()) == {"stable"}
+    values = hb.assemble(hb.load(path)).parameter_values
+    assert [values[f"control.x[{k}]"] for k in (1, 2, 3)] == [1, 4, 8]
+    s = 2j * np.pi * 0.4
+    for k, m in enumerate((1, 4, 8), 1):
+        loop = (values[f"control.K_p[{k}]"] + values[f"control.K_i[{k}]"] / s) * 2 / m / s / (0.1 * s + 1)
+        assert loop == pytest.approx(-np.exp(1j * np.radians(50)), rel=1e-5)  # six digits are written
+    for m in (1.5, 5.0):
+        margins = hb.loop_crossings(hb.load(path).with_parameters({"m": m}), "control.y")
+        assert margins.least_phase.value == pytest.approx(50, rel=1e-4)
+    common = ["design", str(path), "--loop", "control.y", "--free", "control.K_p,control.K_i", "--crossover", "0.4 Hz",
+              "--phase-margin", "50 deg"]
+    for arguments, said in ((["--schedule", "lag", "--over", "m=1, 2, 3"], "Name a ScheduledPID: control"),
+                            (["--schedule", "control", "--over", "m=1, 2"], "has 3 points, and there are 2"),
+                            (["--schedule", "control", "--over", "lag.T_1=0.1 s, 0.2 s, 0.3 s"], "does not differ"),
+                            (["--schedule", "control", "--free", "lag.T_1", "--over", "m=1, 2, 3"], "not a list of gains")):
+        run = CliRunner().invoke(main, [*common, *arguments])
+        assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
               help="With --loop: the gains, proportional, integral, derivative; or one or two of them.")
 @click.option("--lead", metavar="BLOCK", help="With --loop: a LeadLag from crossover or bandwidth and phase margin.")
 @click.option("--notch", metavar="BLOCK", help="With --loop: a NotchFilter at the mode that limits the gain.")
+@click.option("--schedule", metavar="BLOCK", help="With --loop and --free: the table of gains of a ScheduledPID, with an "
+              "operating point for each value of --over.")
 @click.option("--crossover", metavar="FREQUENCY", help="With --loop: frequency of the gain 1: '0.5 Hz'.")
 @click.option("--bandwidth", metavar="FREQUENCY", help="With --loop: bandwidth of the closed loop, in place of --crossover.")
 @click.option("--phase-margin", metavar="ANGLE", help="With --loop: phase margin, e.g. '60 deg'.")
@@ -78,11 +80,11 @@ if TYPE_CHECKING:
 @native_option
 @json_option
 def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None, notch: str | None,
-           crossover: str | None, bandwidth: str | None, phase_margin: str | None, filtered: str | None, kind: str,
-           order: int, cut_off: str | None, band: str, ripple: float, attenuation: float, lqg: str | None, mpc: str | None,
-           horizon: int, weigh: tuple[str, ...], effort: str, disturbances: tuple[str, ...], noise: str,
-           overs: tuple[str, ...], at: str | None, settings: tuple[str, ...], written: Path | None, in_place: bool
-           ) -> dict[str, object]:
+           schedule: str | None, crossover: str | None, bandwidth: str | None, phase_margin: str | None,
+           filtered: str | None, kind: str, order: int, cut_off: str | None, band: str, ripple: float, attenuation: float,
+           lqg: str | None, mpc: str | None, horizon: int, weigh: tuple[str, ...], effort: str,
+           disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None, settings: tuple[str, ...],
+           written: Path | None, in_place: bool) -> dict[str, object]:
     """Design a controller of DIAGRAM on the linearised machine, with its samples, holds and delays.
 
     heavebond design cmc_ahc --loop command --free controller.K_p --crossover '0.2 Hz'
@@ -115,13 +117,17 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         raise UsageError([Problem("design-place", f"'{model}' is not a file that can be changed", None,
                                   "Give --write FILE for a new diagram that extends it.")])
     items: list[Item]
+    texts: dict[str, Tree]
     with blamed_on_settings(settings), terminal.working("design"):
         diagram = with_settings(load(model), settings)
         units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
-        if loop is not None:
+        if loop is not None and schedule is not None:
+            items, texts, figures = _schedule(diagram, loop, schedule, listed(free), crossover, bandwidth, phase_margin, at,
+                                              overs)
+        elif loop is not None:
             items, values, figures = _loop(diagram, loop, listed(free), lead, notch, crossover, bandwidth, phase_margin, at,
                                            overs)
-            texts: dict[str, Tree] = {name: units[name].written(value) for name, value in values.items()}
+            texts = {name: units[name].written(value) for name, value in values.items()}
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
         else:
@@ -173,6 +179,27 @@ def _loop(diagram: Model, loop: str, free: Sequence[str], lead: str | None, notc
         "crossover": result.crossover, "bandwidth": result.bandwidth, "phase_margin": result.phase_margin,
         "margins": {"design": margins_of(result.crossings),
                     **{name: margins_of(crossings) for name, crossings in result.points.items()}}}
+
+
+def _schedule(diagram: Model, loop: str, block: str, free: Sequence[str], crossover: str | None, bandwidth: str | None,
+              phase_margin: str | None, at: str | None, overs: Sequence[str]
+              ) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
+    """The tables, the values and the figures of a table of gains."""
+    from heavebond.linear.design import design_schedule
+    from heavebond.linear.stability import UNSTABLE
+    from heavebond.numerics.dae import assemble
+    from heavebond.reports.analysis_tables import schedule_items
+    from heavebond.studies.sweep import read_over
+
+    axes = [read_over(over) for over in overs]
+    result = design_schedule(diagram, loop, block, free, {axis.path: axis.values for axis in axes}, crossover=crossover,
+                             bandwidth=bandwidth, phase_margin=phase_margin, at=at)
+    units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
+    texts: dict[str, Tree] = {name: [units[f"{name}[{k}]"].written(result.values[f"{name}[{k}]"])
+                                     for k in range(1, len(result.inputs) + 1)] for name in (f"{block}.x", *free)}
+    verdicts = {name: found.verdict for name, found in result.checks.items()}
+    return schedule_items(diagram, result, block, free), texts, {
+        "verdict": UNSTABLE if UNSTABLE in verdicts.values() else next(iter(verdicts.values())), "verdicts": verdicts}
 
 
 def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | None, band: str, ripple: float,

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import Problem, UsageError, listing, suggest
@@ -28,6 +29,7 @@ from heavebond.linear.margins import Crossings, crossings, loops, open_loop
 from heavebond.linear.stability import Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time
+from heavebond.numerics.result import signal_expression
 
 HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
 FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
@@ -94,8 +96,14 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
     text. `at` is the operating point of `loop_margins`. The margins are also computed for the `points`, which are values of
     parameters by name. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
     """
-    diagram = loaded(model)
-    names = list(free)
+    return _gains_of(loaded(model), signal, {name: [name] for name in free}, crossover, bandwidth, phase_margin, at, points)
+
+
+def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], crossover: float | str | None,
+              bandwidth: float | str | None, phase_margin: float | str | None, at: Time | None,
+              points: Mapping[str, Mapping[str, float | str]] | None) -> LoopDesign:
+    """The design of gains, each of which is the value of the parameters that are `tied` to its name."""
+    names = list(tied)
     _check_gains(names, crossover, bandwidth, phase_margin)
     margin = None if phase_margin is None else np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
     if margin is not None and not 0 < margin < np.pi:
@@ -103,9 +111,9 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
                                   "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
     state_spaces = loops(diagram, signal, at)
     known = state_spaces.points.assembly.parameter_values
-    state_spaces.points.assembly.parameter_indices(names)
-    singles = [_single(state_spaces, names, name, known[name] or 1.0) for name in names]
-    sizes = [known[name] or 1.0 for name in names]
+    state_spaces.points.assembly.parameter_indices([parameter for each in tied.values() for parameter in each])
+    sizes = [known[each[0]] or 1.0 for each in tied.values()]
+    singles = [_single(state_spaces, tied, name, size) for name, size in zip(names, sizes, strict=True)]
 
     def gains_at(frequency: float) -> Array:
         parts = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
@@ -119,7 +127,7 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
         band = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
         frequency = _crossover_for(frequency, lambda crossover: complex(np.dot(gains_at(crossover), band)))
     gains = gains_at(frequency)
-    values = dict(zip(names, gains.tolist(), strict=True))
+    values = {parameter: gain for each, gain in zip(tied.values(), gains.tolist(), strict=True) for parameter in each}
     closed = state_spaces.at(values)
     loop = open_loop(closed)
     expected = sum(gain * single.response(2j * np.pi * frequency)[0, 0, 0] / size
@@ -132,10 +140,12 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
     return _designed(diagram, signal, values, loop, closed.stability(), frequency, at, points)
 
 
-def _single(state_spaces: StateSpaces, names: Sequence[str], name: str, size: float) -> StateSpace:
+def _single(state_spaces: StateSpaces, tied: Mapping[str, Sequence[str]], name: str, size: float) -> StateSpace:
     """The open loop with one of the free gains, the others 0."""
+    names = list(tied)
     try:
-        return open_loop(state_spaces.at({**dict.fromkeys(names, 0.0), name: size}))
+        return open_loop(state_spaces.at({parameter: size if gain == name else 0.0
+                                          for gain, each in tied.items() for parameter in each}))
     except UsageError as error:
         if error.problems[0].code != "loop-none" or len(names) == 1:
             raise
@@ -363,6 +373,89 @@ def design_notch(model: ModelOrFile, signal: str, block: str, *, at: Time | None
                                   "width), or lower the gain of the loop first.")])
     crossover = after.least_phase.frequency if after.least_phase is not None else float("nan")
     return _designed(diagram, signal, values, loop, found, crossover, at, points)
+
+
+@dataclass(frozen=True)
+class ScheduleDesign:
+    """A table of gains of a `ScheduledPID`: the scheduling variable `inputs` (n,) in SI at the operating points, and the
+    designed `values` of the parameters. `designs` are the designs at the operating points by name, `checks` the crossings
+    with the table at these points and between them."""
+
+    signal: str
+    inputs: Array
+    values: Mapping[str, float]
+    designs: Mapping[str, LoopDesign]
+    checks: Mapping[str, Crossings]
+
+    def __repr__(self) -> str:
+        verdicts = listing(list(dict.fromkeys(found.verdict for found in self.checks.values())))
+        return brief(self, self.signal, f"{count(len(self.inputs), 'operating point')}", verdicts)
+
+
+def design_schedule(model: ModelOrFile, signal: str, block: str, free: Sequence[str],
+                    over: Mapping[str, Sequence[float | str]], *, crossover: float | str | None = None,
+                    bandwidth: float | str | None = None, phase_margin: float | str | None = None, at: Time | None = None
+                    ) -> ScheduleDesign:
+    """A table of gains over a measured variable, from one design of gains at each of several operating points.
+
+    The `block` is a `ScheduledPID` in the loop through `signal`, with as many points as there are operating points.
+    `free` are its gains without their index, such as `["control.K_p", "control.K_i"]`. `over` is one parameter and its
+    values, each of which has an operating point: `{"load.m": ["1 kg", "4 kg"]}`. There the scheduling variable is read
+    and the gains are designed as by `design_gains`, with its `crossover`, `bandwidth`, `phase_margin` and `at`. The loop
+    with the table is checked at these points and halfway between neighbours. Raises UsageError as `design_gains`, for
+    another number of points, and if the scheduling variable does not differ between the operating points.
+    """
+    diagram = loaded(model)
+    plain = StateSpaces(diagram, [], [], at).points.assembly
+    places = [name for name in plain.parameter_names if name.startswith(f"{block}.x[")]
+    if not places or f"{block}.s" not in plain.flat.names:
+        blocks = sorted(name.removesuffix(".x[1]") for name in plain.parameter_names if name.endswith(".x[1]")
+                        and name[:-5] + ".s" in plain.flat.names)
+        raise UsageError([Problem("design-block", f"'{block}' is not a ScheduledPID", None,
+                                  f"Name a ScheduledPID{_of_diagram(blocks)}.")])
+    path, settings = next(iter(over.items())) if len(over) == 1 else ("", ())
+    if len(settings) != len(places):
+        raise UsageError([Problem("design-points", f"the table of {block} has {count(len(places), 'point')}, and there are "
+                                  f"{count(len(settings), 'operating point')} of one parameter", None,
+                                  f"Give as many values as points, for example --over load.m='1 kg, 4 kg', or change the "
+                                  f"lists of {block}.")])
+    for name in free:
+        if f"{name}[1]" not in plain.parameter_values or not name.startswith(f"{block}."):
+            raise UsageError([Problem("parameter-unknown", f"'{name}' is not a list of gains of {block}", None,
+                                      f"Write for example --free {block}.K_p,{block}.K_i.")])
+    plain.parameter_indices([path])
+    of_path = next(q.unit for q in plain.flat.parameters if q.name == path)
+    points = [(str(setting), si_value(setting, of_path.text, path)) for setting in settings]
+
+    def at_value(number: float) -> dict[str, float | str]:
+        return {path: f"{of_path.from_si(number)!r} {of_path.text}".removesuffix(" 1")}
+
+    inputs, designs = [], {}
+    for text, number in points:
+        spaces = StateSpaces(diagram.with_parameters(at_value(number)), [], [f"{block}.s"], at)
+        designs[f"{path} = {text}"] = design = _gains_of(
+            diagram.with_parameters(at_value(number)), signal,
+            {name: [f"{name}[{k}]" for k in range(1, len(places) + 1)] for name in free}, crossover, bandwidth,
+            phase_margin, at, {})
+        assembly = spaces.points.assembly
+        reading = ca.Function("s", list(assembly.arguments), [signal_expression(assembly, f"{block}.s", si=True)])
+        inputs.append(float(reading(*spaces.points.at(design.values).values())))
+    order = np.argsort(inputs)
+    if not (np.diff(np.sort(inputs)) > DESIGN.linear * np.abs(inputs).max(initial=1e-300)).all():
+        raise UsageError([Problem("design-same-input", f"{block}.s does not differ between the operating points: "
+                                  f"{', '.join(f'{value:.6g}' for value in inputs)} (SI)", None,
+                                  f"Connect {block}.s with a measured value that depends on {path}.")])
+    of_points = list(designs.values())
+    values = {f"{block}.x[{k + 1}]": inputs[j] for k, j in enumerate(order)}
+    values |= {f"{name}[{k + 1}]": of_points[j].values[f"{name}[1]"] for name in free for k, j in enumerate(order)}
+    scheduled, checks = diagram.with_parameters(values), {}
+    ranked = sorted(points, key=lambda point: point[1])
+    for k, (text, number) in enumerate(ranked):
+        checks[f"{path} = {text}"] = loop_at(scheduled, signal, at_value(number), at)
+        if k + 1 < len(ranked):
+            checks[f"between {text} and {ranked[k + 1][0]}"] = loop_at(
+                scheduled, signal, at_value((number + ranked[k + 1][1]) / 2), at)
+    return ScheduleDesign(signal, np.array(inputs)[order], values, designs, checks)
 
 
 def _loops_through(diagram: Model, signal: str, block: str, names: Sequence[str], kind: str, at: Time | None) -> StateSpaces:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
 from heavebond.language.model import Model
-from heavebond.linear.design import LoopDesign
+from heavebond.linear.design import LoopDesign, ScheduleDesign
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
-from heavebond.linear.margins import Margin
+from heavebond.linear.margins import Crossings, Margin
 from heavebond.linear.modes import Modes
 from heavebond.linear.sampled import sampled_words
 from heavebond.numerics.dae import Assembly, assemble
@@ -181,6 +181,24 @@ def design_items(model: Model, result: LoopDesign) -> list[Item]:
     units = {q.name: q.unit for q in assembly.flat.parameters}
     gains = [(name, units[name].written(assembly.parameter_values[name]), units[name].written(value))
              for name, value in result.values.items()]
+    band = f", bandwidth {number(result.bandwidth, 4)} Hz" if result.bandwidth == result.bandwidth else ""
+    return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
+            Line(f"crossover {number(result.crossover, 4)} Hz, phase margin {number(result.phase_margin, 4)} deg{band}"),
+            *_margin_items({"design": result.crossings, **result.points})]
+
+
+def schedule_items(model: Model, result: ScheduleDesign, block: str, free: Sequence[str]) -> list[Item]:
+    """The table of gains, and the margins at its operating points and between them."""
+    units = {q.name: q.unit for q in assemble(model).flat.parameters}
+    names = [f"{block}.x", *free]
+    rows = [tuple(units[f"{name}[{k}]"].written(result.values[f"{name}[{k}]"]) for name in names)
+            for k in range(1, len(result.inputs) + 1)]
+    return [ResultTable(f"{model.name}: table of {block}, loop through {result.signal}", tuple(names), rows),
+            *_margin_items(result.checks)]
+
+
+def _margin_items(points: Mapping[str, Crossings]) -> list[Item]:
+    """The verdict and the margins at operating points."""
 
     def margin(entry: Margin | None, unit: str, digits: int = 4) -> str:
         return "" if entry is None else f"{number(entry.value, digits)}{unit}"
@@ -189,11 +207,8 @@ def design_items(model: Model, result: LoopDesign) -> list[Item]:
              margin(crossings.least_phase, " deg"),
              "" if crossings.least_phase is None else f"{number(crossings.least_phase.frequency, 4)} Hz",
              "" if crossings.least_delay is None else readable(crossings.least_delay.value, "s", 4))
-            for name, crossings in {"design": result.crossings, **result.points}.items()]
-    band = f", bandwidth {number(result.bandwidth, 4)} Hz" if result.bandwidth == result.bandwidth else ""
-    return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
-            Line(f"crossover {number(result.crossover, 4)} Hz, phase margin {number(result.phase_margin, 4)} deg{band}"),
-            ResultTable("", ("operating point", "closed loop", "gain margin, up", "down", "phase margin", "at",
+            for name, crossings in points.items()]
+    return [ResultTable("", ("operating point", "closed loop", "gain margin, up", "down", "phase margin", "at",
                              "delay margin"), rows, 2),
-            *(Line(f"{name}: {found.verdict}: {listing(found.reasons)}") for name, found in {
-                "design": result.crossings, **result.points}.items() if found.reasons)]
+            *(Line(f"{name}: {found.verdict}: {listing(found.reasons)}") for name, found in points.items()
+              if found.reasons)]
