@@ -94,29 +94,33 @@ def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
     size = np.linalg.norm(normal, axis=1)
     shown = ~flat | ((size > 0) & (np.einsum("ij,ij->i", outward, towards) > 0))
     bright = 0.72 + 0.28 * np.maximum(0.0, outward @ LIGHT / np.where(size > 0, size, 1.0))
-    # what is painted: corners, the depth by which it is brought forward, face, edge and width
+    corners_of = np.cumsum([0, *(len(piece.corners) for piece, _ in owned)])
+    all_depths = camera.seen(np.concatenate([piece.corners for piece, _ in owned]))[:, 2]
+    depths = np.add.reduceat(all_depths, corners_of[:-1]) / np.diff(corners_of)
+    # what is painted: corners, depth, face, edge and width
     paints: list[tuple[Array, float, Colour | None, Colour | None, float]] = []
     levels: list[Polygon] = []
     for i, (piece, colour) in enumerate(owned):
         edge, face, pale = (to_rgb(c) for c in colours[colour])
         if piece.look == "line":
-            paints.append((piece.corners, NEARER, None, edge, piece.width))
+            paints.append((piece.corners, depths[i] - NEARER, None, edge, piece.width))
         elif piece.look == "floor":
-            paints.append((piece.corners, -1e3, None, (*(0.5 + 0.5 * c for c in edge), 0.6), piece.width))
+            paints.append((piece.corners, 1e3, None, (*(0.5 + 0.5 * c for c in edge), 0.6), piece.width))
         elif piece.look == "water":
             levels.append(Polygon(camera.seen(piece.corners)[:, :2], (*face, 0.4), None, 0.0))
         elif shown[i]:
             base = {"full": face, "soft": pale, "dark": edge}[piece.look]
             lit = tuple(min(1.0, c * float(bright[i])) for c in base)
-            paints.append((piece.corners, 0.0, lit, edge if piece.width else lit, piece.width or SEAM))
-            paints += [(piece.corners[[j, (j + 1) % len(piece.corners)]], NEARER, None, edge, BORDER) for j in piece.borders]
+            paints.append((piece.corners, depths[i], lit, edge if piece.width else lit, piece.width or SEAM))
+            paints += [(piece.corners[[j, (j + 1) % len(piece.corners)]], depths[i] - 1e-6, None, edge, BORDER)
+                       for j in piece.borders]
     # in parts before and behind a level, from the farthest to the nearest
     parts = [(corners, *rest) for corners, *rest in paints] if water is None else \
         [(part, *rest) for corners, *rest in paints for side in (-1.0, 1.0) if len(part := _cut(corners, water, side)) > 1]
     counts = np.array([len(part[0]) for part in parts])
     seen = camera.seen(np.concatenate([part[0] for part in parts]))
     begin = np.cumsum(counts) - counts
-    depth = np.add.reduceat(seen[:, 2], begin) / counts - np.array([part[1] for part in parts])
+    depth = np.array([part[1] for part in parts])
     before = np.zeros(len(parts), bool) if water is None else \
         np.array([(float(part[0][:, 2].mean()) > water) == (eye[2] > water) for part in parts])
     order = np.lexsort((-depth, before))
@@ -271,5 +275,9 @@ def _disc() -> list[Piece]:
 def _sphere() -> list[Piece]:
     angle, height = 2 * np.pi * np.arange(BALL) / BALL, np.pi * np.arange(BALL // 2 + 1) / (BALL // 2)
     points = 0.5 * np.array([[(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for t in angle] for h in height])
-    return [Piece(points[[i, i, i + 1, i + 1], [j - 1, j, j, j - 1]], "full", 0.0, np.zeros(3))
-            for i in range(BALL // 2) for j in range(BALL)]
+    last = BALL // 2 - 1
+    # triangles at the poles
+    rows = [([1, 1, 0], [-1, 0, 0]) if i == 0 else ([i, i, last + 1], [-1, 0, 0]) if i == last else
+            ([i, i, i + 1, i + 1], [-1, 0, 0, -1]) for i in range(last + 1)]
+    return [Piece(points[row, [j + k for k in columns]], "full", 0.0, np.zeros(3))
+            for row, columns in rows for j in range(BALL)]
