@@ -7,6 +7,7 @@ import pytest
 
 import heavebond as hb
 from heavebond import ModelError
+from heavebond.numerics.initialise import start
 
 HINGE = "{is: SpatialRevoluteJoint, n: [0, -1, 0]}"
 FOUR_BAR = """model: four_bar
@@ -165,3 +166,22 @@ def test_a_loop_that_does_not_close_is_named(old: str, new: str, said: str) -> N
         hb.assemble(hb.loads(FOUR_BAR.replace(old, new)))
     message = str(caught.value)
     assert "[loop-open]" in message and "pin_1, pin_2, pin_3, pin_4" in message and said in message
+
+
+def test_the_start_follows_from_the_initial_value_of_any_joint() -> None:
+    """Without guesses, with a guess that is far off, and with too many values."""
+    def first(initial: str) -> dict[str, float]:
+        line = next(line for line in FOUR_BAR.splitlines() if line.startswith("initial:"))
+        assembly = hb.assemble(hb.loads(FOUR_BAR.replace(line, f"initial: {{{initial}}}")))
+        begun = start(assembly)
+        u = np.zeros(0)
+        values = np.array(assembly.values(begun.t, begun.x, begun.z, begun.p, u, 1.0)).ravel()
+        return {f"pin_{k}": float(np.degrees(values[assembly.flat.names[f"pin_{k}.phi"]])) for k in (1, 3, 4)}
+
+    expected = first("pin_1.phi: 60 deg, pin_4.phi: ~ 80 deg, pin_3.phi: ~ 80 deg")
+    assert first("pin_1.phi: 60 deg") == pytest.approx(expected, abs=1e-6)
+    assert first(f"pin_4.phi: {expected['pin_4']!r} deg, pin_1.phi: ~ 50 deg") == pytest.approx(expected, abs=1e-6)
+    assert first("pin_1.phi: 60 deg, pin_3.phi: ~ 20 deg")["pin_1"] == pytest.approx(60)
+    with pytest.raises(hb.StartError) as caught:
+        first("pin_1.phi: 60 deg, pin_4.phi: 30 deg")
+    assert "pin_1.phi, pin_4.phi" in str(caught.value)

@@ -13,7 +13,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.linear.describing_function import dry_frictions, slopes_over
 from heavebond.linear.floquet import largest_multiplier
-from heavebond.linear.rest_stability import RestStability, loop, stability_sentences
+from heavebond.linear.rest_stability import RestStability, crossing, loop, stability_sentences
 from heavebond.numerics.dae import Assembly
 from heavebond.optimise.objective import Objective, TuningProblem, ranges
 from heavebond.optimise.tuning import stability_of, tune
@@ -246,3 +246,9 @@ def test_wrong_words_about_stability_are_refused(tmp_path: Path, text: str, code
     with pytest.raises(hb.ModelError) as caught:
         hb.load_study(tmp_path / "gains.yaml")
     assert caught.value.problems[0].code == code
+
+
+def test_a_boundary_is_not_named_where_a_score_is_missing() -> None:
+    """A machine may find no rest at the values between."""
+    assert crossing(lambda factor: -1.0 if factor < 1.1 else 1.0, True) == pytest.approx(1.1, abs=1e-3)
+    assert crossing(lambda factor: -1.0 if factor < 1.05 else 1.0 if factor > 1.2 else np.nan, True) is None

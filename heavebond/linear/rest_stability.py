@@ -369,7 +369,8 @@ def _of_signals(assembly: Assembly, name: str) -> bool:
 
 
 def crossing(score: Callable[[float], float], up: bool) -> float | None:
-    """The factor, above or below 1, at which a score changes its sign; None if it does not within a factor of 100."""
+    """The factor, above or below 1, at which a score changes its sign; None if it does not within a factor of 100, or has no
+    value on the way."""
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)
@@ -379,7 +380,10 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
         if not np.isfinite(score_here):
             return None
         if (score_here < 0) != (first < 0):
-            return float(brentq(score, near, far, xtol=1e-4))
+            try:
+                return float(brentq(score, near, far, xtol=1e-4))
+            except ValueError:  # no score at a factor between, as the machine finds no rest there
+                return None
         near = far
     return None
 
