@@ -512,3 +512,16 @@ def test_a_table_of_gains_has_the_margins_at_its_points_and_between_them(tmp_pat
                             (["--schedule", "control", "--free", "lag.T_1", "--over", "m=1, 2, 3"], "not a list of gains")):
         run = CliRunner().invoke(main, [*common, *arguments])
         assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
+
+
+def test_the_observer_controller_of_the_compensator_has_the_figures_of_the_page() -> None:
+    """The valve of 5 Hz in the table of docs/design.md, which has two digits."""
+    from benchmarks.controllers import LQG, SLIDING, margins, rows, variation
+
+    valve = {"ahc.valve.f_n": "5 Hz"}
+    design = hb.design_lqg(hb.load("cmc_ahc/lqg_control").with_parameters({**valve, **SLIDING}), "controller",
+                           {"crown.x": "10 mm"}, [0.1], {"drive.y": 0.3}, [1e-6])
+    model = hb.loads(LQG.format(n=len(design.a), a=rows(design.a, " 1/s"), b=rows(design.b, " 1/s"), c=rows(design.c)))
+    model = model.with_parameters(dict(valve))
+    assert variation(model) == "WOB deviation 0.15 kN, largest 0.45 kN"
+    assert margins(model).startswith("stable, phase margin 64.7 deg")
