@@ -132,8 +132,8 @@ def view_shape(kind: str) -> Schema:
 def spatial_shape(kind: str) -> Schema:
     """A shape of a kind in space under `view:`."""
     needed, more, colour = SPATIAL_KINDS[kind]
-    triple = {"type": "array", "items": FORMULA, "minItems": 3, "maxItems": 3}
-    point = {"anyOf": [TEXT, triple, {"type": "array", "items": FORMULA, "minItems": 4, "maxItems": 4}]}
+    triple: Schema = {"type": "array", "items": FORMULA, "minItems": 3, "maxItems": 3}
+    point: Schema = {"anyOf": [TEXT, triple, {"type": "array", "items": FORMULA, "minItems": 4, "maxItems": 4}]}
     return _object({"is": {"enum": [kind]}, **{
         key: TEXT if key == "file" else point if key in POINTS and kind != "level" else
         {"anyOf": [FORMULA, triple]} if key in TRIPLES else FORMULA for key in (*needed, *more)},

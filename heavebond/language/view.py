@@ -80,7 +80,8 @@ def _shape(name: str, item: Node, folder: Path, problems: Problems) -> ViewShape
     needed, more, usual = (SPATIAL_KINDS if spatial else KINDS)[kind]
     reading.known_keys(entry, (*COMMON, *needed, *more), f"'{name}' ({kind})", problems, needed)
     given = [key for key in (*needed, *more) if key in entry.items]
-    points, file = {}, None
+    points: dict[str, Point] = {}
+    file: Path | None = None
     if spatial:
         points = {key: point for key in given if key in POINTS
                   and (point := _point(entry, key, kind, problems)) is not None}

@@ -51,6 +51,16 @@ class Polygon:
     width: float
 
 
+class _Paint(NamedTuple):
+    """A polygon (m, 3) in m with its depth and its look in the picture."""
+
+    corners: Array
+    depth: float
+    face: Colour | None
+    edge: Colour | None
+    width: float
+
+
 @dataclass(frozen=True)
 class Camera:
     """A camera that looks at `middle` (3,) from the direction `back` (3,); a sphere of `radius` fills its picture."""
@@ -97,34 +107,35 @@ def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
     corners_of = np.cumsum([0, *(len(piece.corners) for piece, _ in owned)])
     all_depths = camera.seen(np.concatenate([piece.corners for piece, _ in owned]))[:, 2]
     depths = np.add.reduceat(all_depths, corners_of[:-1]) / np.diff(corners_of)
-    # what is painted: corners, depth, face, edge and width
-    paints: list[tuple[Array, float, Colour | None, Colour | None, float]] = []
+    paints: list[_Paint] = []
     levels: list[Polygon] = []
     for i, (piece, colour) in enumerate(owned):
         edge, face, pale = (to_rgb(c) for c in colours[colour])
         if piece.look == "line":
-            paints.append((piece.corners, depths[i] - NEARER, None, edge, piece.width))
+            paints.append(_Paint(piece.corners, depths[i] - NEARER, None, edge, piece.width))
         elif piece.look == "floor":
-            paints.append((piece.corners, 1e3, None, (*(0.5 + 0.5 * c for c in edge), 0.6), piece.width))
+            paints.append(_Paint(piece.corners, 1e3, None, (*(0.5 + 0.5 * c for c in edge), 0.6), piece.width))
         elif piece.look == "water":
             levels.append(Polygon(camera.seen(piece.corners)[:, :2], (*face, 0.4), None, 0.0))
         elif shown[i]:
             base = {"full": face, "soft": pale, "dark": edge}[piece.look]
             lit = tuple(min(1.0, c * float(bright[i])) for c in base)
-            paints.append((piece.corners, depths[i], lit, edge if piece.width else lit, piece.width or SEAM))
-            paints += [(piece.corners[[j, (j + 1) % len(piece.corners)]], depths[i] - 1e-6, None, edge, BORDER)
+            paints.append(_Paint(piece.corners, depths[i], lit, edge if piece.width else lit, piece.width or SEAM))
+            paints += [_Paint(piece.corners[[j, (j + 1) % len(piece.corners)]], depths[i] - 1e-6, None, edge, BORDER)
                        for j in piece.borders]
     # in parts before and behind a level, from the farthest to the nearest
-    parts = [(corners, *rest) for corners, *rest in paints] if water is None else \
-        [(part, *rest) for corners, *rest in paints for side in (-1.0, 1.0) if len(part := _cut(corners, water, side)) > 1]
-    counts = np.array([len(part[0]) for part in parts])
-    seen = camera.seen(np.concatenate([part[0] for part in parts]))
+    parts = paints if water is None else [paint._replace(corners=part) for paint in paints for side in (-1.0, 1.0)
+                                          if len(part := _cut(paint.corners, water, side)) > 1]
+    if not parts:
+        return levels
+    counts = np.array([len(part.corners) for part in parts])
+    seen = camera.seen(np.concatenate([part.corners for part in parts]))
     begin = np.cumsum(counts) - counts
-    depth = np.array([part[1] for part in parts])
+    depth = np.array([part.depth for part in parts])
     before = np.zeros(len(parts), bool) if water is None else \
-        np.array([(float(part[0][:, 2].mean()) > water) == (eye[2] > water) for part in parts])
+        np.array([(float(part.corners[:, 2].mean()) > water) == (eye[2] > water) for part in parts])
     order = np.lexsort((-depth, before))
-    found = [Polygon(seen[begin[i]:begin[i] + counts[i], :2], *parts[i][2:]) for i in order]
+    found = [Polygon(seen[begin[i]:begin[i] + counts[i], :2], parts[i].face, parts[i].edge, parts[i].width) for i in order]
     behind = int(np.count_nonzero(~before))
     return [*found[:behind], *levels, *found[behind:]]
 

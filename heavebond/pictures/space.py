@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +97,8 @@ def _frames(assembly: Assembly) -> list[str]:
 
 def resolved(view: Mapping[str, ViewShape], assembly: Assembly) -> dict[str, ViewShape]:
     """A view in space with three formulas for each vector; ModelError for frames that the diagram does not have."""
-    problems, frames, found = Problems(), _frames(assembly), {}
+    problems, frames = Problems(), _frames(assembly)
+    found: dict[str, ViewShape] = {}
     for name, shape in view.items():
         for point in shape.points.values():
             if point.frame and point.frame not in frames:
@@ -145,12 +146,12 @@ def _elements(shape: ViewShape, key: str, part: tuple[Formula, ...], assembly: A
 
     vectors = {v: members for domain in assembly.model.library.domains.values() for v, members in domain.vectors.items()}
 
-    def element(name: str, k: int) -> str:
+    def element(k: int, name: str) -> str:
         owner, _, vector = name.rpartition(".")
         member = f"{owner}.{vectors[vector][k]}" if vector in vectors else name
         return name if is_known(name) else next(filter(is_known, (member, f"{name}[{k + 1}]")), name)
 
-    elements = tuple(renamed(formula, lambda name, k=k: element(name, k)) for k in range(3))  # type: ignore[misc]
+    elements = tuple(renamed(formula, partial(element, k)) for k in range(3))
     if len({e.text for e in elements}) == 1 and all(is_known(name.text) for name in names(formula.tree)):
         problems.add("view-triple", f"`{key}` of '{shape.name}' is three values", formula.place,
                      hint=f"Write for example `{key}: {EXAMPLES[key]}`"
