@@ -362,7 +362,9 @@ def test_a_force(body: int) -> None:
 
 @checks("SpatialForce")
 def _force(body: int) -> None:
-    found = part("SpatialForce", body=body)({**frame_a(), **elements("F", F_B), **elements("M", M_B)})
+    # along the axes of the fixed frame, no law depends on the orientation
+    frame = {name: values for name, values in frame_a().items() if body or not name.startswith("a_rotation.")}
+    found = part("SpatialForce", body=body)({**frame, **elements("F", F_B), **elements("M", M_B)})
     turn = TURN if body else Rotation.identity(N)
     agree(vector(found, "a", "F"), -turn.apply(F_B))
     agree(vector(found, "a", "M"), -turn.apply(M_B))

@@ -85,6 +85,7 @@ def test_a_four_bar_linkage_moves_like_the_planar_one() -> None:
     assert "the loop pin_1, pin_2, pin_3, pin_4 is open at coupler from 0 s on" in str(verdict)
 
 
+@pytest.mark.long
 def test_linear_analysis_and_energy_of_a_redundant_loop() -> None:
     rest = "initial: {start: steady, pin_1.phi: ~ -80 deg, pin_4.phi: ~ -100 deg, pin_3.phi: ~ 80 deg}"
     plane = "initial: {start: steady, crank.phi: ~ -80 deg, foot.phi: ~ -100 deg, coupler.phi: ~ 0 deg}"
@@ -178,8 +179,7 @@ def test_the_start_follows_from_the_initial_value_of_any_joint() -> None:
         values = np.array(assembly.values(begun.t, begun.x, begun.z, begun.p, u, 1.0)).ravel()
         return {f"pin_{k}": float(np.degrees(values[assembly.flat.names[f"pin_{k}.phi"]])) for k in (1, 3, 4)}
 
-    expected = first("pin_1.phi: 60 deg, pin_4.phi: ~ 80 deg, pin_3.phi: ~ 80 deg")
-    assert first("pin_1.phi: 60 deg") == pytest.approx(expected, abs=1e-6)
+    expected = first("pin_1.phi: 60 deg")
     assert first(f"pin_4.phi: {expected['pin_4']!r} deg, pin_1.phi: ~ 50 deg") == pytest.approx(expected, abs=1e-6)
     assert first("pin_1.phi: 60 deg, pin_3.phi: ~ 20 deg")["pin_1"] == pytest.approx(60)
     with pytest.raises(hb.StartError) as caught:

@@ -426,3 +426,17 @@ def test_the_kinematics_of_a_double_wishbone() -> None:
         guess = fsolve(gap, guess, xtol=1e-13)
         assert [run["high_hinge.phi"][k], *(run[f"angles.{name}"][k] for name in ("roll", "pitch", "yaw"))] == pytest.approx(
             guess, abs=1e-7)
+
+
+def test_a_force_on_a_point_mass() -> None:
+    """A mass without extension has no orientation, on which a force along fixed axes does not depend."""
+    run = hb.simulate(hb.loads("""model: ball
+components:
+  push: {is: SpatialForce, F: [1 N, "=-3 N*s/m*ball.v_y", 0 N], M: [0 N*m, 0 N*m, 0 N*m]}
+  ball: {is: SpatialPointMass, m: 2 kg, g: 0}
+nodes: {ball: [push.a, ball.a]}
+initial: {ball.v_y: 1 m/s}
+simulate: {until: 1 s, every: 100 ms}
+"""))
+    assert run["ball.x"][-1] == pytest.approx(0.25, abs=1e-8)
+    assert run["ball.y"][-1] == pytest.approx(2/3*(1 - np.exp(-1.5)), abs=1e-7)
