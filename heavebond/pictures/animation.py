@@ -42,8 +42,9 @@ def animation_page(motion: Motion, speed: float = 1.0) -> str:
 
 def animation_frame(motion: Motion) -> Html:
     """The page of a motion in a frame, for notebooks; its script has no access to the notebook."""
-    return element("iframe", srcdoc=str(animation_page(motion)), sandbox="allow-scripts allow-downloads", width="100%",
-                   height="640", style="border: 0", title=motion.title)
+    rights = "allow-scripts allow-downloads" if motion.solids else "allow-scripts"  # the page in space saves pictures
+    return element("iframe", srcdoc=str(animation_page(motion)), sandbox=rights, width="100%", height="640",
+                   style="border: 0", title=motion.title)
 
 
 def packed(motion: Motion) -> dict[str, object]:
