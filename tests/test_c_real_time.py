@@ -20,8 +20,9 @@ from test_fmu_events import BALL, SWITCHED
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.exchange.c_code import METHODS
+from heavebond.exchange.c_code import METHODS, c_name
 from heavebond.exchange.portable import Portable
+from heavebond.language.library import bundled
 
 pytestmark = compiled
 FLAGS = ("-O0", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -59,7 +60,7 @@ class Program:
         assert isinstance(made, Portable) and COMPILER
         library = path.with_suffix(".so")
         subprocess.run([COMPILER, *FLAGS, "-shared", "-fPIC", str(path), "-o", str(library), "-lm"], check=True)
-        self.outputs, self.parameters, self._prefix = made.outputs, made.parameters, path.stem
+        self.outputs, self.parameters, self._prefix = made.outputs, made.parameters, c_name(path.stem)
         self._library = ctypes.CDLL(str(library))
         self.run = ctypes.create_string_buffer(self.function("size", ctypes.c_size_t)())
         self.begin()
@@ -90,10 +91,12 @@ class Program:
         return self.read()
 
     def differences(self, run: hb.Result, steps: int) -> dict[str, float]:
-        """The largest difference of each output from a run, as a share of its range; so many steps in an output interval."""
-        found = np.array([self.read(), *(self.steps(steps) for _ in run.time[1:])])
-        return {q.name: float(np.abs(found[:, k] - run.display[q.name]).max() / np.ptp(run.display[q.name]))
-                for k, q in enumerate(self.outputs)}
+        """The largest difference of each output from a run, as a share of its range; so many steps in an output interval.
+        The last point counts only if its interval is as long as the others."""
+        number = len(run.time) - (not np.isclose(run.time[-1] - run.time[-2], run.time[1] - run.time[0]))
+        found = np.array([self.read(), *(self.steps(steps) for _ in range(number - 1))])
+        return {q.name: float(np.abs(found[:, k] - run.display[q.name][:number]).max() / max(
+            np.ptp(run.display[q.name]), 1e-12)) for k, q in enumerate(self.outputs)}
 
 
 def test_a_program_repeats_a_run_with_the_same_fixed_step(tmp_path: Path) -> None:
@@ -127,6 +130,25 @@ def test_relays_comparators_and_samples_agree_with_a_run(tmp_path: Path) -> None
     run, program = hb.simulate(model, rtol=1e-10), Program(model, tmp_path, "rk4", "2.5 ms")
     assert max(program.differences(run, 4).values()) < 1e-7
     assert program.function("late", ctypes.c_longlong)(program.run) == 0
+
+
+@pytest.mark.slow
+def test_every_example_with_events_or_delays_agrees_with_a_run(tmp_path: Path) -> None:
+    """Four steps in each output interval, by the default method. The check valve of one example closes within 1 ms, a kink
+    in its law that no fixed step meets."""
+    kinked = {"unloading_valve": (40, 1e-2)}
+    names = []
+    for path in sorted((bundled("models") / "examples").glob("*.yaml")):
+        flat = hb.assemble(model := hb.load(path)).flat
+        if not flat.inputs and (flat.events or flat.delays):
+            names.append(path.stem)
+            (tmp_path / path.stem).mkdir()
+            run = hb.simulate(model, rtol=1e-9)
+            steps, largest = kinked.get(path.stem, (4, 2e-5))
+            program = Program(model, tmp_path / path.stem, step=f"{float(run.time[1] - run.time[0]) / steps!r} s")
+            differences = program.differences(run, steps)
+            assert max(differences.values()) < largest, (path.stem, differences)
+    assert len(names) > 50
 
 
 def test_impacts_are_located_within_steps(tmp_path: Path) -> None:
