@@ -26,7 +26,9 @@ EXAMPLES = {
     "accelerate": f"{MECHANICS}/Accelerate", "damper": f"{MECHANICS}/Damper",
     "initial_conditions": f"{MECHANICS}/InitialConditions", "oscillator": f"{MECHANICS}/Oscillator",
     "sign_convention": f"{MECHANICS}/SignConvention", "why_arrows": f"{MECHANICS}/WhyArrows",
+    "backlash": "Mechanics/Rotational/Examples/Backlash", "rolling_wheel": "Mechanics/Rotational/Examples/RollingWheel",
     "first": "Mechanics/Rotational/Examples/First", "two_masses": "Thermal/HeatTransfer/Examples/TwoMasses",
+    "controlled_temperature": "Thermal/HeatTransfer/Examples/ControlledTemperature",
     "cauer_low_pass": "Electrical/Analog/Examples/CauerLowPassAnalog"}
 HERE = Path(__file__).parent
 SAME, MOST_MISSING = 1e-6, 0.9  # share of the duration within which two times are one; share of the times in both
