@@ -37,7 +37,7 @@ ARM = """<mujoco>
 
 def torque(sines: tuple[tuple[float, float, float], ...], t: float) -> float:
     """A sum of sines that begins smoothly."""
-    return (1 - np.exp(-(t/0.3)**2))*sum(a*np.sin(2*np.pi*f*t + phase) for a, f, phase in sines)
+    return float((1 - np.exp(-(t/0.3)**2))*sum(a*np.sin(2*np.pi*f*t + phase) for a, f, phase in sines))
 
 
 def record(use: str, friction: float, centre: float, seed: int) -> np.ndarray:

@@ -136,8 +136,8 @@ def in_the_loop(lock_step: bool, largest: float) -> Figure:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        words = [folder / "plant", "--port", str(port), "--to", str(udp.getsockname()[1]), "--outputs", "z,v,WOB", "--every",
-                 "10", "--until", "48", *(["--lock-step"] if lock_step else ["--priority", "50"])]
+        words = [str(folder / "plant"), "--port", str(port), "--to", str(udp.getsockname()[1]), "--outputs", "z,v,WOB",
+                 "--every", "10", "--until", "48", *(["--lock-step"] if lock_step else ["--priority", "50"])]
         rows, time = [], -1.0
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as plant:
             while time < 48 - 0.005:

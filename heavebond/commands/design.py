@@ -266,7 +266,7 @@ def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[
     texts: dict[str, Tree] = {f"{block}.{name}": str(number) for name, number in counts.items()}
     for name, matrix in matrices.items():
         per = " 1/s" if result.period is None and name != "C" else ""
-        lines = [[f"{value!r}{per}" for value in row] for row in matrix.tolist()]
+        lines: list[Tree] = [[f"{value!r}{per}" for value in row] for row in matrix.tolist()]
         texts[f"{block}.{name}"] = lines[0] if mpc is not None and name == "B" else lines
     return [ResultTable(f"{block}: {title} with {len(result.a)} states", ("poles of the regulator", "poles of the observer"),
                         rows),

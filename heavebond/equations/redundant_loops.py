@@ -201,15 +201,15 @@ class _Loops:
         flat, reached, pairs = self.flat, set(known), list[tuple[int, int]]()
         rows = {i: [packed for packed, _ in entries] for i, entries in enumerate(flat.entries)
                 if len(entries) == 2 and max(packed for packed, _ in entries) < len(flat.unknowns)}
-        ready = True
-        while ready:
-            ready = [(i, *(j for j in row if j not in reached)) for i, row in rows.items()
+        while True:
+            ready = [(i, next(j for j in row if j not in reached)) for i, row in rows.items()
                      if sum(j in reached for j in row) == 1]
+            if not ready:
+                return pairs
             for i, j in ready:
                 if j not in reached:
                     reached.add(j)
                     pairs.append((i, j))
-        return pairs
 
     def _set(self, values: Array, targets: Mapping[int, int]) -> None:
         """Change the values of unknowns such that the equations that set them hold, by a Newton step."""
@@ -367,15 +367,15 @@ class _Loops:
             apart = listing([f"{readable(gap, 'm', 3)}"] * (gap > 1e-6) + [f"{np.degrees(turn):.3g} deg"] * (turn > 1e-6))
             said = f"does not close: in the best position that was found its ends at {closure.key[0]} are {apart} apart"
         axes = self._axes(k, c)
-        first = next(iter(axes.values()), np.zeros(3))
+        axis_of_first = next(iter(axes.values()), np.zeros(3))
         advice = "Check the lengths of its links, the axes of its joints and the fixed points."
         if odd := self._odd(k, c):
             others = [a for a in axes if a != odd]
             angle = np.degrees(np.arcsin(min(1.0, float(np.linalg.norm(np.cross(axes[odd], axes[others[0]]))))))
             advice = f"The axes of {listing(others)} are parallel, and that of {odd} is at {angle:.3g} deg to them: make " \
                 "it parallel."
-        elif len(axes) > 2 and all(np.linalg.norm(np.cross(first, axis)) < PARALLEL for axis in axes.values()):
-            apart_along = abs(float(first @ self._gap(k, c)))
+        elif len(axes) > 2 and all(np.linalg.norm(np.cross(axis_of_first, axis)) < PARALLEL for axis in axes.values()):
+            apart_along = abs(float(axis_of_first @ self._gap(k, c)))
             advice = f"All axes of its joints are parallel, and along these its links end {readable(apart_along, 'm', 3)} " \
                 "apart: the lengths along the axes must add up to zero." if apart_along > 0.5*gap else \
                 "All axes of its joints are parallel, and the lengths of its links do not allow a closed loop across these."
@@ -400,7 +400,7 @@ class _Loops:
         y[self.members] = c * self.sizes
         q_at = ca.DM(q(y, self._p, 0.0, 1.0, np.zeros(self.arguments[4].numel())))
         h = (self.at(c)[0] * self.unit)[first:first + 3]
-        return np.array(rotated(q_at, ca.DM(h))).ravel()
+        return np.array(ca.evalf(rotated(ca.SX(q_at), ca.SX(h)))).ravel()
 
     def _axes(self, k: int, c: Array) -> dict[str, Array]:
         """The axes in the fixed frame of the joints with one angle in the loop of a closure: the angular velocity of one of
@@ -420,7 +420,7 @@ class _Loops:
             if self.sizes[column] != 1.0 or self.flat.unknowns[j].unit.text != "rad":
                 continue
             for q_end, slope in (values[:2], values[2:]):
-                w = 2*np.array(quaternion_product(ca.DM(slope[:, column]), conjugate(ca.DM(q_end)))[1:]).ravel()
+                w = 2*np.array(ca.evalf(quaternion_product(ca.SX(slope[:, column]), conjugate(ca.SX(q_end)))[1:])).ravel()
                 if np.linalg.norm(w) > 1e-9:
                     axes.setdefault(self.flat.unknowns[j].name.rpartition(".")[0], w/np.linalg.norm(w))
         return axes
@@ -442,7 +442,7 @@ def _independent(slopes: Sequence[Array], rank: int) -> set[int]:
     """The rows of the Jacobians (m, n) that are best conditioned at the worst of all, `rank` of them."""
     m = len(slopes[0])
     if comb(m, rank) <= MOST_CHOICES:
-        choices = list(combinations(range(m), rank))
+        choices: list[Sequence[int]] = list(combinations(range(m), rank))
     else:
         choices = list(dict.fromkeys(tuple(sorted(pivot_columns(s.T)[:rank])) for s in slopes))
 
@@ -452,4 +452,4 @@ def _independent(slopes: Sequence[Array], rank: int) -> set[int]:
         return min(float(np.linalg.svd(s[list(choice)], compute_uv=False)[rank - 1]
                          / np.linalg.svd(s, compute_uv=False)[rank - 1]) for s in slopes)
 
-    return set(max(choices, key=lambda choice: round(worst(choice), 6)))
+    return set(max(choices, key=lambda choice: round(worst(tuple(choice)), 6)))

@@ -281,8 +281,8 @@ class _Reader:
             self.problem("urdf-number", f"the axis of the joint '{name}' is the zero vector", element.line,
                          'Write for example `<axis xyz="0 0 1"/>`.')
             axis = np.array([1.0, 0, 0])
-        limits = {} if limit is None else {key: self.value(limit, key) for key in ("lower", "upper", "effort", "velocity")
-                                           if key in limit.attributes}
+        limits: dict[str, float] = {} if limit is None else {
+            key: self.value(limit, key) for key in ("lower", "upper", "effort", "velocity") if key in limit.attributes}
         if kind == "continuous":
             limits = {key: value for key, value in limits.items() if key not in ("lower", "upper")}
         elif "lower" in limits and "upper" in limits and limits["lower"] > limits["upper"]:
@@ -386,21 +386,21 @@ def _check_tree(reader: _Reader, links: dict[str, Link], joints: dict[str, Joint
     if reader.problems:
         return
     for joint in joints.values():  # leaders that mimic each other
-        chain, leader = [joint.name], joint.mimic
-        while leader is not None and leader[0] not in chain:
-            chain.append(leader[0])
-            leader = joints[leader[0]].mimic
-        if leader is not None:
+        chain, mimic = [joint.name], joint.mimic
+        while mimic is not None and mimic[0] not in chain:
+            chain.append(mimic[0])
+            mimic = joints[mimic[0]].mimic
+        if mimic is not None:
             reader.problem("urdf-mimic", f"the joints {listing(chain)} mimic each other", joint.line,
                            "Remove one `<mimic>`.")
             return
     roots = [link for link in links.values() if link.name not in parents]
     if len(roots) > 1:
-        first, *others = roots
+        others = roots[1:]
         reader.problem("urdf-roots", f"the robot has {len(roots)} links without a parent: "
                        f"{listing([link.name for link in roots], 8)}", others[0].line,
                        f'Connect them, for example `<joint name="fixed_{others[0].name}" type="fixed"><parent '
-                       f'link="{first.name}"/><child link="{others[0].name}"/></joint>`.')
+                       f'link="{roots[0].name}"/><child link="{others[0].name}"/></joint>`.')
     reached, waiting = set[str](), [link.name for link in roots]
     while waiting:
         name = waiting.pop()

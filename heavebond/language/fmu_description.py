@@ -50,8 +50,8 @@ def described(path: Path) -> tuple[str, Foreign]:
     names, three = _Names(), description.fmiVersion.startswith("3")
     known = {kind: [_variable(v, names, reader, three) for v in variables if v.causality == kind and not v.dimensions]
              for kind in ("input", "output", "parameter")}
-    foreign = Foreign(path, interface.modelIdentifier,
-                      *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")),
+    inputs, outputs, parameters = (tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter"))
+    foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters,
                       has_solver=description.coSimulation is not None)
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")

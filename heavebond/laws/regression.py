@@ -302,7 +302,7 @@ class _Grid:
 
     def _join(self, part: Part, shapes: Sequence[tuple[float, ...]], block: Array) -> None:
         """Add the columns of a part at several values of its shape."""
-        finite, size = np.isfinite(block).all(axis=0), np.linalg.norm(block, axis=0)
+        finite, size = np.asarray(np.isfinite(block).all(axis=0)), np.linalg.norm(block, axis=0)
         block /= np.where((size > 0) & np.isfinite(size), size, 1.0)
         begin, each = self.C.shape[1], len(part.form.terms)
         self.C = self._store[:, :begin + block.shape[1]]

@@ -183,7 +183,7 @@ class Partners:
 
                 if part.integrated is None:
                     set_inputs()
-                elif len(inputs) and not np.array_equal(inputs, part.inputs):
+                elif len(inputs) and (part.inputs is None or not np.array_equal(inputs, part.inputs)):
                     part.integrated.change_inputs(set_inputs)
                     part.ended = part.integrated.ended
                 part.inputs = inputs

@@ -399,7 +399,7 @@ class EventIntegration:
         while state.t < limit - self.same:
             check()
             k = int(np.floor((state.t - begin + self.same) / self.step))
-            times = begin + self.step * np.arange(k + 1, k + 1 + window)
+            times = begin + self.step * np.arange(k + 1.0, k + 1 + window)
             times = np.append(times[times < limit - self.same], limit) if times[-1] >= limit - self.same else times
             steps = state.frame.steps_by(self.solver)
             at = np.append(state.t, times)

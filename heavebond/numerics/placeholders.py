@@ -55,8 +55,8 @@ def _affected(assembly: Assembly) -> set[int]:
         condition = set().union(*(_symbols(assembly.express(e)) for e in (event.indicator, event.first, event.period)
                                   if e is not None))
         for reset in event.resets:
-            target = p[reset.held] if reset.held is not None else x[states[(reset.unknown, 0)]] \
-                if (reset.unknown, 0) in states else None
+            state = states.get((reset.unknown, 0)) if reset.unknown is not None else None
+            target = p[reset.held] if reset.held is not None else x[state] if state is not None else None
             if target is not None:
                 causes.append((condition | _symbols(assembly.express(reset.value)), _symbols(target)))
     causes += [(_symbols(assembly.express(delay.source)), _symbols(u)) for delay in flat.delays]

@@ -169,8 +169,8 @@ def _pieces(solid: Solid, k: int, times: Array) -> list[Piece]:
             return np.asarray(rotated(c["turn"][:, None], (points * c["size"]).T).T + c["at"])
 
         if solid.kind == "mesh" and solid.faces is not None:
-            corners = placed(solid.faces[0])
-            return [Piece(corners[triangle], "full", 0.0) for triangle in solid.faces[1]]
+            vertices = placed(solid.faces[0])
+            return [Piece(vertices[triangle], "full", 0.0) for triangle in solid.faces[1]]
         unit = _box(c["size"]) if solid.kind == "box" else {"sphere": _sphere, "disc": _disc}[solid.kind]()
         ends = np.cumsum([len(piece.corners) for piece in unit])
         corners = np.split(placed(np.concatenate([piece.corners for piece in unit])), ends[:-1])

@@ -279,7 +279,7 @@ def _mesh(file: Path, shape: ViewShape) -> tuple[Array, Array]:
 
 def _bounds(solids: list[Solid]) -> tuple[Array, Array]:
     """The lowest and the highest x, y and z (3,) of all solids over the run."""
-    lows, highs = [], []
+    lows, highs = list[Array](), list[Array]()
     for solid in solids:
         c = solid.courses
         if solid.faces is not None:
