@@ -166,6 +166,7 @@ class _Loops:
         arms = self.at(np.array(self.guess)[self.members])[1][np.ix_(lengths, ~sliding)]
         size = float(np.abs(arms).max(initial=0.0)) or 1.0
         self.unit[lengths], self.sizes[sliding] = size, size
+        self.turning = np.array([flat.unknowns[j].unit.text == "rad" for j in self.members], dtype=bool)
 
     def at(self, c: Array) -> tuple[Array, Array]:
         """Residuals (m,) and Jacobian (m, n) at coordinates (n,) in their sizes."""
@@ -189,27 +190,26 @@ class _Loops:
                  if e.role.value == "given" and e.subject in flat.names}
         self._set(guess, given)
         stated |= set(given.values())
-        for i, j in self._pairs(stated):
-            self._set(guess, {i: j})
-            stated.add(j)
-        for i, j in self._pairs(stated | set(conditions)):
-            self._set(guess, {i: j})
+        for targets in self._following(stated):
+            self._set(guess, targets)
+            stated |= set(targets.values())
+        for targets in self._following(stated | set(conditions)):
+            self._set(guess, targets)
         return guess, stated
 
-    def _pairs(self, known: set[int]) -> list[tuple[int, int]]:
-        """Equations of two unknowns, one of which is known or set by one before, with the other one."""
-        flat, reached, pairs = self.flat, set(known), list[tuple[int, int]]()
+    def _following(self, known: set[int]) -> list[dict[int, int]]:
+        """The unknowns that follow from known ones by equations of two unknowns, by equation: those that follow at once,
+        those that follow from these, and so on."""
+        flat, reached, waves = self.flat, set(known), list[dict[int, int]]()
         rows = {i: [packed for packed, _ in entries] for i, entries in enumerate(flat.entries)
                 if len(entries) == 2 and max(packed for packed, _ in entries) < len(flat.unknowns)}
         while True:
-            ready = [(i, next(j for j in row if j not in reached)) for i, row in rows.items()
-                     if sum(j in reached for j in row) == 1]
-            if not ready:
-                return pairs
-            for i, j in ready:
-                if j not in reached:
-                    reached.add(j)
-                    pairs.append((i, j))
+            new = {next(j for j in row if j not in reached): i for i, row in rows.items()
+                   if sum(j in reached for j in row) == 1}
+            if not new:
+                return waves
+            waves.append({i: j for j, i in new.items()})
+            reached |= set(new)
 
     def _set(self, values: Array, targets: Mapping[int, int]) -> None:
         """Change the values of unknowns such that the equations that set them hold, by a Newton step."""
@@ -260,7 +260,7 @@ class _Loops:
         for trial in range(2*TRIALS):
             held = weight if trial < TRIALS else np.ones(len(begin))
             turned = [2*np.pi*(uniform(trial, k) - 0.5)*(trial % TRIALS > 0) for k in range(len(begin))]
-            c = self.closed(begin + turned * (self.sizes == 1.0) * (held == 1.0), held)
+            c = self.closed(begin + turned * self.turning * (held == 1.0), held)
             error = float(np.abs(self.at(c)[0]).max(initial=0.0))
             if error < least:
                 best, least = c, error
@@ -333,10 +333,11 @@ class _Loops:
         """The values of the coordinates of a configuration, and of the unknowns that they set."""
         values = self.guess.copy()
         values[self.members] = c * self.sizes
-        pairs = self._pairs(set(self.members))
-        for i, j in pairs:
-            self._set(values, {i: j})
-        return {j: float(values[j]) for j in (*self.members, *(j for _, j in pairs)) if j not in self.stated}
+        waves = self._following(set(self.members))
+        for targets in waves:
+            self._set(values, targets)
+        known = [*self.members, *(j for targets in waves for j in targets.values())]
+        return {j: float(values[j]) for j in known if j not in self.stated}
 
     def _joints(self, parts: Sequence[str]) -> tuple[str, ...]:
         """The joints of a loop: the parts that leave a motion free; all parts if none does."""
@@ -367,15 +368,15 @@ class _Loops:
             apart = listing([f"{readable(gap, 'm', 3)}"] * (gap > 1e-6) + [f"{np.degrees(turn):.3g} deg"] * (turn > 1e-6))
             said = f"does not close: in the best position that was found its ends at {closure.key[0]} are {apart} apart"
         axes = self._axes(k, c)
-        axis_of_first = next(iter(axes.values()), np.zeros(3))
+        axis = next(iter(axes.values()), np.zeros(3))
         advice = "Check the lengths of its links, the axes of its joints and the fixed points."
         if odd := self._odd(k, c):
             others = [a for a in axes if a != odd]
             angle = np.degrees(np.arcsin(min(1.0, float(np.linalg.norm(np.cross(axes[odd], axes[others[0]]))))))
             advice = f"The axes of {listing(others)} are parallel, and that of {odd} is at {angle:.3g} deg to them: make " \
                 "it parallel."
-        elif len(axes) > 2 and all(np.linalg.norm(np.cross(axis_of_first, axis)) < PARALLEL for axis in axes.values()):
-            apart_along = abs(float(axis_of_first @ self._gap(k, c)))
+        elif len(axes) > 2 and all(np.linalg.norm(np.cross(axis, other)) < PARALLEL for other in axes.values()):
+            apart_along = abs(float(axis @ self._gap(k, c)))
             advice = f"All axes of its joints are parallel, and along these its links end {readable(apart_along, 'm', 3)} " \
                 "apart: the lengths along the axes must add up to zero." if apart_along > 0.5*gap else \
                 "All axes of its joints are parallel, and the lengths of its links do not allow a closed loop across these."
@@ -398,9 +399,9 @@ class _Loops:
         q = ca.Function("q", self.arguments, [self.turns[4*k:4*k + 4]])
         y = self.guess.copy()
         y[self.members] = c * self.sizes
-        q_at = ca.DM(q(y, self._p, 0.0, 1.0, np.zeros(self.arguments[4].numel())))
+        q_at = np.array(q(y, self._p, 0.0, 1.0, np.zeros(self.arguments[4].numel()))).ravel()
         h = (self.at(c)[0] * self.unit)[first:first + 3]
-        return np.array(ca.evalf(rotated(ca.SX(q_at), ca.SX(h)))).ravel()
+        return np.asarray(h + 2*np.cross(q_at[1:], np.cross(q_at[1:], h) + q_at[0]*h))
 
     def _axes(self, k: int, c: Array) -> dict[str, Array]:
         """The axes in the fixed frame of the joints with one angle in the loop of a closure: the angular velocity of one of
@@ -417,10 +418,11 @@ class _Loops:
         values = [np.array(v) for v in found(y, self._p, 0.0, 1.0, np.zeros(self.arguments[4].numel()))]
         axes: dict[str, Array] = {}
         for column, j in enumerate(self.members):
-            if self.sizes[column] != 1.0 or self.flat.unknowns[j].unit.text != "rad":
+            if not self.turning[column]:
                 continue
             for q_end, slope in (values[:2], values[2:]):
-                w = 2*np.array(ca.evalf(quaternion_product(ca.SX(slope[:, column]), conjugate(ca.SX(q_end)))[1:])).ravel()
+                rate, q_at = slope[:, column], q_end.ravel()
+                w = 2*(q_at[0]*rate[1:] - rate[0]*q_at[1:] - np.cross(rate[1:], q_at[1:]))
                 if np.linalg.norm(w) > 1e-9:
                     axes.setdefault(self.flat.unknowns[j].name.rpartition(".")[0], w/np.linalg.norm(w))
         return axes
