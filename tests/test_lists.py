@@ -99,7 +99,7 @@ def test_a_list_may_stand_in_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("settings", "code", "words"), [
     ("m: [2 kg, 1 kg], n: 3, c: 500 N/m", "parameter-missing", "needs a list of 3 values for m (masses); m[3]"),
     ("m: [2 kg, 1 kg, 1 kg], n: 2, c: 500 N/m", "parameter-unknown", "m[3]"),
-    ("m: 2 kg, n: 2, c: 500 N/m", "parameter-unknown", "has no parameter 'm'"),
+    ("m: 2 kg, n: 2, c: 500 N/m", "parameter-list", "m of Chain is a list"),
     ("m: [2 kg, 1 m, 1 kg], c: 500 N/m", "unit-wrong", "chain.m[2]"),
     ("m: [2 kg, -1 kg, 1 kg], c: 500 N/m", "parameter-bound", "chain.m[2]"),
     ("m: [1 kg, 2 kg, 1 kg], c: 500 N/m", "requirement", "m[i] >= m[i + 1] for i in 1..n - 1"),
@@ -164,3 +164,11 @@ free: {"chain.m[2]": 1.2 .. 2 kg}
 def test_the_library_tells_lists_from_numbers() -> None:
     result = CliRunner().invoke(main, ["library", "Lookup"])
     assert "list, $U" in result.output
+
+
+def test_one_value_for_a_list_or_a_matrix_is_named() -> None:
+    for settings, wanted in (("is: TableSource, t: 1 s, v: [0, 1]", "Write `t: [1 s, 1 s]`, with a value for each element"),
+                             ("is: MatrixGain, n: 2, m: 2, K: 2", "Write `K: [[2, 2]]`, with a value for each element of")):
+        with pytest.raises(hb.ModelError, match="not one value") as error:
+            hb.assemble(hb.loads(f"model: m\ncomponents: {{part: {{{settings}}}}}\n"))
+        assert wanted in str(error.value)

@@ -1,4 +1,5 @@
-"""`heavebond design`: gains of a loop, filters and observer controllers from their specification, written into a diagram."""
+"""`heavebond design`: gains, compensators, filters, observer and predictive controllers by their specification, written into
+a diagram."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from heavebond.text.yaml_edits import Tree
 
 
-@click.command(short_help="Design gains, filters and observer controllers.")
+@click.command(short_help="Design gains, notches, filters, observer and predictive controllers.")
 @click.argument("model", metavar="DIAGRAM")
 @click.option("--loop", metavar="SIGNAL", help="Gains of the loop through this signal.")
 @click.option("--free", metavar="PARAMETER[,...]", multiple=True,
@@ -92,6 +93,8 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     heavebond design servo.yaml --loop pid.y --free pid.K_p,pid.K_i,pid.K_d --crossover '3 Hz' --phase-margin '60 deg'
     --over load.J='1 kg*m**2, 3 kg*m**2' --in-place
 
+    heavebond design servo.yaml --loop pid.y --notch notch --in-place
+
     heavebond design servo.yaml --filter smoothing --type bessel --order 4 --cut-off '50 Hz'
 
     The margins belong to the complete linearised machine at each operating point. Dry friction is linearised at rest, where
@@ -102,15 +105,18 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     from heavebond.linear.stability import UNSTABLE
     from heavebond.numerics.dae import assemble
 
+    if loop is None and (lead or notch or schedule or free):
+        raise UsageError([Problem("design-task", "--free, --lead, --notch and --schedule need the signal of the loop", None,
+                                  "Add for example --loop controller.y.")])
     if sum(task is not None for task in (loop, filtered, lqg, mpc)) != 1:
         raise UsageError([Problem("design-task", "exactly one of --loop, --filter, --lqg and --mpc is needed", None,
                                   "Write for example --loop controller.y --free controller.K_p --crossover '1 Hz'.")])
     if loop is not None and sum([bool(free), lead is not None, notch is not None]) > 1:
         raise UsageError([Problem("design-task", "with --loop exactly one of --free, --lead and --notch is needed", None,
                                   "Design a notch first, and the gains in a second step.")])
-    if loop is None and (lead or notch):
-        raise UsageError([Problem("design-task", "--lead and --notch need the signal of the loop", None,
-                                  "Add for example --loop controller.y.")])
+    if schedule is not None and (lead or notch):
+        raise UsageError([Problem("design-task", "with --schedule no --lead or --notch is possible", None,
+                                  "Give the gains of the table, for example --free control.K_p,control.K_i.")])
     if written is not None:
         check_new(written, (".yaml",))
     if in_place and not Path(model).is_file():

@@ -326,7 +326,16 @@ class _Opener:
             example = setting.text if isinstance(setting, Value) else f"1 {unit}".removesuffix(" 1")
             self.problems.add("parameter-list", f"{base} of {component.name} is one value, not a list", setting.place,
                               hint=f"Write `{base}: {example}`.")
-        for name in (name for name in unknown if name.partition("[")[0] not in single):
+        lists = {name: rows for name in unknown for rows, element in (("[]", "[1]"), ("[[]]", "[1][1]"))
+                 if name + element in component.parameters}
+        for name, rows in lists.items():
+            setting = instance.settings[name]
+            example = setting.text if isinstance(setting, Value) else "1"
+            kind = "list" if rows == "[]" else "matrix"
+            self.problems.add("parameter-list", f"{name} of {component.name} is a {kind}, not one value", setting.place,
+                              hint=f"Write `{name}: {rows.replace('[]', f'[{example}, {example}]')}`, with a value for each "
+                              f"{'element' if rows == '[]' else 'element of each row'}.")
+        for name in (name for name in unknown if name.partition("[")[0] not in single and name not in lists):
             kind_of_setting = next((k for k, group in groups if name in group), "")
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
                               + (f"; that is a {kind_of_setting} of it" if kind_of_setting else ""),
