@@ -143,12 +143,14 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
     """The component file; `kept_names` are the variables that keep their start values."""
     kept_text = f" {listing(kept_names, 6)} {'keeps its' if len(kept_names) == 1 else 'keep their'} start value" \
         f"{'' if len(kept_names) == 1 else 's'}: a signal is one number." if kept_names else ""
+    integrated = "" if description.coSimulation is not None else \
+        " An FMU for model exchange: it is integrated between two communications, with constant inputs."
     tool = f", {description.generationTool}" if description.generationTool else ""
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",
              f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
              "restrictions: " + _quoted("Its outputs are held between two communications, and depend on the inputs of the "
-                                        f"previous step.{kept_text}"),
+                                        f"previous step.{integrated}{kept_text}"),
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
         lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}"
