@@ -23,8 +23,8 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import HeavebondError, UsageError
 from heavebond.language.edits import with_values
-from heavebond.studio.bench import Bench, view
-from heavebond.studio.folder import BUNDLED, Folder, bundled_machines, version
+from heavebond.studio.bench import Bench, Thumbnails, view
+from heavebond.studio.folder import BUNDLED, EMPTY, TEMPLATES, Folder, bundled_machines, version
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, policy
 from heavebond.studio.workers import Worker
@@ -122,6 +122,28 @@ def test_the_first_page_lists_the_machines() -> None:
 def test_a_value_is_written_where_it_decides(text: str, path: str, wanted: str) -> None:
     changed = with_values(text, {path: "2 m"})
     assert changed.rstrip("\n") == wanted.rstrip("\n")
+
+
+@pytest.mark.parametrize("template", TEMPLATES)
+def test_a_template_has_no_problems(folder: Folder, template: str) -> None:
+    name = folder.create_from("own", template)
+    document = folder.read(name)
+    assert document.text.startswith("model: own\n")
+    entry = view(Job(document.text, str(document.path), name))
+    assert entry["runs"] and entry["problems"] == []
+
+
+def test_a_thumbnail_is_drawn_again_when_its_file_changes(folder: Folder) -> None:
+    """A diagram that extends another one has its drawing, without names, as long as neither changes."""
+    thumbnails, text = Thumbnails(), "model: more\nextends: car.yaml\n"
+    job = Job(text, str(folder.root / "more.yaml"), "more.yaml")
+    first = thumbnails.thumbnail(job)[0]["svg"]
+    assert "<text" not in first and 'data-part="damper"' in first
+    assert thumbnails.thumbnail(job)[0]["svg"] is first
+    other = EMPTY + "components: {dashpot: {is: Fixed}}\nnodes: {a: [dashpot.a]}\n"
+    (folder.root / "car.yaml").write_text(other, encoding="utf-8")
+    assert 'data-part="dashpot"' in thumbnails.thumbnail(job)[0]["svg"]
+    assert _code(lambda: thumbnails.thumbnail(replace(job, text="model: [")))
 
 
 # -- who is let in ---------------------------------------------------------------------------------------------------------

@@ -132,6 +132,8 @@ def test_everything_is_reached_and_named_by_the_keyboard(tab: browser.Tab, serve
     tab.go(server.address)
     _true(tab, "document.querySelector('[data-open]')")
     assert {"new", "new-empty", "filter"} <= set(_walked(tab)) and _unnamed(tab) == []
+    tab.run("document.getElementById('home').scrollTop = 0, 1")
+    tab.wait("Boolean(document.querySelector('.thumbnail svg'))")
     _to(tab, "new")
     tab.key("Enter", code=13, text="\r")
     _true(tab, "document.querySelector('#ask').open && document.activeElement.id === 'ask-name'")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from base64 import b64encode
 from collections import OrderedDict
@@ -175,6 +176,37 @@ def _driven(experiment: Experiment, problems: Problems) -> Assembly | None:
         return None
 
 
+THUMBNAILS = 200  # drawings of the first page that a worker keeps
+LETTERS = re.compile(r"<(text|title|desc)\b.*?</\1>", re.DOTALL)
+
+
+class Thumbnails:
+    """The small drawings of the first page: the diagrams of files without their texts, the latest ones kept."""
+
+    def __init__(self) -> None:
+        self._drawn: OrderedDict[tuple[str, str], tuple[Any, Sequence[Path], str]] = OrderedDict()
+
+    def thumbnail(self, job: Job) -> tuple[Entry, None]:
+        """The drawing of a diagram, or of the diagram of an experiment or a study; the symbol of a component. ModelError
+        for a file that cannot be read."""
+        key = (job.path, job.text)
+        stamp, files, svg = self._drawn.get(key, (None, (), ""))
+        if stamp is None or stamp != stamps(files):
+            source = parse(job.text, Path(job.path), job.name)
+            if is_block(source):
+                files, svg = (), symbol_picture(read_block(source).component)
+            else:
+                model = experiment_from_source(source).model if "experiment" in source.root.items else \
+                    study_from_source(source).model if "study" in source.root.items else from_source(source)
+                files, svg = dependencies(model, Path(job.path)), draw(model)
+            svg = LETTERS.sub("", svg)
+        self._drawn[key] = (stamps(files), files, svg)
+        self._drawn.move_to_end(key)
+        while len(self._drawn) > THUMBNAILS:
+            self._drawn.popitem(last=False)
+        return {"svg": svg}, None
+
+
 # -- runs ------------------------------------------------------------------------------------------------------------
 class Bench:
     """Runs of one page: the assembly of the present text, and the latest results."""
@@ -291,13 +323,14 @@ def _units(units: dict[str, str]) -> Entry:
 
 def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     """The functions of a worker, by the name of the task."""
-    bench, evidence = Bench(), Evidence()
+    bench, evidence, thumbnails = Bench(), Evidence(), Thumbnails()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
             "preview": bench.preview, "signals": bench.signals, "spectrum": bench.spectrum, "animation": bench.animation,
             "modes": bench.modes, "film": bench.film,
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
+            "thumbnail": thumbnails.thumbnail,
             "palette": lambda job: (palette(Path(job.path).parent), None),
             "forms": lambda command_line: ({"forms": forms(command_line)}, None),
             "picture": lambda job: ({"pdf": b64encode(converter(Path("x.pdf"))(draw(read(job)))).decode("ascii")}, None),

@@ -59,6 +59,12 @@ show:
   force: {is: spring.F + damper.F, unit: N}
 simulate: {until: 6 s, every: 5 ms}
 """
+# starting points of a new diagram: the name of one, its title on the page, and the bundled diagram whose text it has
+TEMPLATES = {"spring": ("A mass on a spring", ""),
+             "cylinder": ("A hydraulic cylinder with valve and supply", "cylinder_rig"),
+             "motor": ("A motor with shaft and load", "circuits/electric_hoist"),
+             "receiver": ("A pneumatic receiver with compressor and consumer", "circuits/compressor_station"),
+             "loop": ("A loop with a PID controller", "dc_stage")}
 EMPTY = """\
 model: NAME
 simulate: {until: 5 s, every: 5 ms}
@@ -224,6 +230,12 @@ class Folder:
             raise UsageError([Problem("name-bad", f"'{name}' cannot name a diagram: letters, digits and _, a letter first")])
         self.write_new(f"{name}.yaml", text.replace("NAME", name, 1))
         return self.path(f"{name}.yaml").name
+
+    def create_from(self, name: str, template: str) -> str:
+        """Create a diagram `name` with the text of one of TEMPLATES; returns the name of its document."""
+        origin = TEMPLATES[template][1]
+        text = re.sub(r"^model: .*", "model: NAME", self.read(BUNDLED + origin).text, count=1) if origin else NEW
+        return self.create(name, text)
 
     def write_new(self, document: str, text: str) -> None:
         """Write a new document; UsageError if it exists."""

@@ -11,7 +11,8 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import confined
 from heavebond.language.edits import with_values
 from heavebond.studio.diagram_edits import with_records
-from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
+from heavebond.studio.folder import BUNDLED, EMPTY, TEMPLATES, bundled_machines
+from heavebond.studio.job import Job
 from heavebond.studio.long_jobs import known
 from heavebond.studio.tab import Handler, Tab, document_entry, times
 from heavebond.studio.workers import LOST, Answer
@@ -28,6 +29,7 @@ async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
     machines = [{k: v for k, v in entry.items() if k != "path"} for entry in bundled_machines()]
     folder_exists = await asyncio.to_thread(tab.folder.root.is_dir)
     return "done", {"folder": str(tab.folder.root), "there": folder_exists, "diagrams": diagrams, "machines": machines,
+                    "templates": [{"name": name, "title": title} for name, (title, _) in TEMPLATES.items()],
                     "first": tab.first}, None
 
 
@@ -38,8 +40,15 @@ async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
 
 
 async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
-    text = EMPTY if message.get("empty") else NEW
-    return "done", {"name": await asyncio.to_thread(tab.folder.create, str(message["name"]), text)}, None
+    name, template = str(message["name"]), str(message.get("template", "spring"))
+    make, origin = (tab.folder.create, EMPTY) if message.get("empty") else (tab.folder.create_from, template)
+    return "done", {"name": await asyncio.to_thread(make, name, origin)}, None
+
+
+async def _thumbnail(tab: Tab, message: dict[str, Any]) -> Answer:
+    """The small drawing of a file on the first page."""
+    document = await asyncio.to_thread(tab.folder.read, str(message["name"]))
+    return await tab.librarian.ask("thumbnail", Job(document.text, str(document.path), document.name))
 
 
 async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
@@ -199,6 +208,6 @@ ASKED: dict[str, Handler] = {
                                                     str(tab.folder.record(str(message["file"]))))}
 HANDLERS: dict[str, Handler] = {
     "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
-    "view": _view, "forms": _forms, "stop": _stop, **ASKED,
+    "thumbnail": _thumbnail, "view": _view, "forms": _forms, "stop": _stop, **ASKED,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
     "experiment": _experiment, "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

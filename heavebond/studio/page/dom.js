@@ -47,12 +47,12 @@ export async function busy(form, act) {
   finally { if (button) Object.assign(button, { disabled: false, textContent: words }); }
 }
 
-/** Ask for a name; `act` is tried with it, and what it throws is shown. What it returns is done once the dialog has gone. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void|(() => any)>} act @param {string} [button] */
-export function askName(title, words, first, act, button = "Make") {
+/** Ask for a name; `act` is tried with it, and what it throws is shown. What it returns is done once the dialog has gone. @param {string} title @param {string} words @param {string} first @param {(name: string) => Promise<void|(() => any)>} act @param {string} [button] @param {Node} [more] further fields, below the name */
+export function askName(title, words, first, act, button = "Make", more = undefined) {
   const dialog = /** @type {HTMLDialogElement} */ (byId("ask")), form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
   const input = el("input", { id: "ask-name", value: first, spellcheck: "false", autocomplete: "off" });
   const wrong = el("p", { class: "wrong", role: "alert" });
-  form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, wrong,
+  form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, more, wrong,
     el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, button)));
   form.onsubmit = (event) => {
     event.preventDefault();

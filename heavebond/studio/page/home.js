@@ -5,13 +5,19 @@ import { askName, byId, el } from "./dom.js";
 /** @param {any} studio @param {any} told */
 export function showHome(studio, told) {
   const open = (/** @type {string} */ name, /** @type {string} */ text) => el("button", { class: "plain", "data-open": name, onclick: () => studio.open(name) }, text);
-  const fresh = (/** @type {boolean} */ empty) => askName(empty ? "An empty diagram" : "A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
-    const made = await studio.link.ask("new", { name, empty });
-    return () => studio.open(made.name);
-  });
+  const fresh = (/** @type {boolean} */ empty) => {
+    const templates = empty ? undefined : el("fieldset", { class: "templates" }, el("legend", {}, "Begin with"), ...told.templates.map((/** @type {any} */ t, /** @type {number} */ k) =>
+      el("label", {}, el("input", { type: "radio", name: "template", value: t.name, checked: k === 0 }), t.title)));
+    askName(empty ? "An empty diagram" : "A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
+      const chosen = /** @type {HTMLInputElement|null} */ (byId("ask").querySelector("[name=template]:checked"));
+      const made = await studio.link.ask("new", { name, empty, ...(chosen ? { template: chosen.value } : {}) });
+      return () => studio.open(made.name);
+    }, "Make", templates);
+  };
+  const drawings = new Drawings(studio);
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => {
     const cut = d.name.lastIndexOf("/") + 1;
-    return el("li", { "data-words": `${d.name} ${d.summary}`.toLowerCase() }, cut ? el("span", { class: "where" }, d.name.slice(0, cut)) : null, el("b", {}, open(d.name, d.name.slice(cut))), d.summary && el("p", {}, d.summary));
+    return drawings.on(d.name, el("li", { "data-words": `${d.name} ${d.summary}`.toLowerCase() }, cut ? el("span", { class: "where" }, d.name.slice(0, cut)) : null, el("b", {}, open(d.name, d.name.slice(cut))), d.summary && el("p", {}, d.summary)));
   }));
   const diagrams = told.diagrams.filter((/** @type {any} */ d) => d.kind === "model"), of = (/** @type {string} */ kind) => told.diagrams.filter((/** @type {any} */ d) => d.kind === kind), experiments = of("experiment"), components = of("component"), studies = of("study");
   const own = diagrams.length ? cards(diagrams)
@@ -27,7 +33,76 @@ export function showHome(studio, told) {
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
     ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
-    el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all))));
+    el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all, drawings))));
+}
+
+/** @type {Map<string, SVGElement>} the drawings as they were last, shown until the present ones are known */
+const last = new Map();
+const KEPT = 100, MANY = 1200; // drawings; elements of a drawing, above which it is a box of few pixels anyway
+
+/** Small drawings on the cards, made one after the other as the cards come into view. */
+class Drawings {
+  /** @param {any} studio */
+  constructor(studio) {
+    this.studio = studio;
+    /** @type {Map<Element, string>} */ this.waiting = new Map();
+    this.working = false;
+    this.observer = new IntersectionObserver((entries) => {
+      for (const { target, isIntersecting } of entries) {
+        const name = /** @type {HTMLElement} */ (target).dataset.drawing ?? "";
+        if (isIntersecting) this.waiting.set(target, name);
+        else this.waiting.delete(target); // scrolled by
+      }
+      void this.work();
+    }, { root: byId("home"), rootMargin: "80px" });
+  }
+
+  /** @template {HTMLElement} T @param {string} name @param {T} card */
+  on(name, card) {
+    const frame = el("div", { class: "thumbnail", "data-drawing": name, "aria-hidden": "true" });
+    if (last.has(name)) frame.replaceChildren(/** @type {any} */ (last.get(name)).cloneNode(true));
+    card.prepend(frame);
+    this.observer.observe(frame);
+    return card;
+  }
+
+  async work() {
+    if (this.working) return;
+    this.working = true;
+    while (this.waiting.size && !byId("home").hidden) {
+      const [frame, name] = /** @type {[HTMLElement, string]} */ (this.waiting.entries().next().value);
+      this.waiting.delete(frame);
+      if (!frame.isConnected) continue;
+      this.observer.unobserve(frame);
+      try { this.show(frame, name, (await this.studio.link.ask("thumbnail", { name })).svg ?? ""); }
+      catch (error) {
+        last.delete(name);
+        frame.classList.add("broken");
+        frame.replaceChildren("cannot be drawn");
+        frame.title = error instanceof Error ? error.message : String(error);
+        frame.removeAttribute("aria-hidden");
+      }
+    }
+    this.working = false;
+  }
+
+  /** @param {HTMLElement} frame @param {string} name @param {string} text */
+  show(frame, name, text) {
+    if (!text) return;
+    const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
+    svg.querySelector(":scope > rect")?.remove();
+    if (svg.querySelectorAll("*").length > MANY) return;
+    frame.replaceChildren(svg);
+    const boxes = [...svg.querySelectorAll("g.part, path.wire")].map((shape) => shape.getBoundingClientRect()).filter((b) => b.width || b.height), on = svg.getScreenCTM();
+    if (boxes.length && on) { // without the room of the title and the key
+      const [x, y] = [Math.min(...boxes.map((b) => b.left)) - 2, Math.min(...boxes.map((b) => b.top)) - 2];
+      const [w, h] = [Math.max(...boxes.map((b) => b.right)) - x + 2, Math.max(...boxes.map((b) => b.bottom)) - y + 2];
+      svg.setAttribute("viewBox", [(x - on.e) / on.a, (y - on.f) / on.d, w / on.a, h / on.d].join(" "));
+    }
+    last.delete(name);
+    last.set(name, svg.cloneNode(true));
+    if (last.size > KEPT) last.delete(last.keys().next().value ?? "");
+  }
 }
 
 /** Only cards that have all words of a search; headings without cards go, too. @param {string} text */
@@ -40,13 +115,13 @@ function filter(text) {
   }
 }
 
-/** @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all */
-function machine(open, name, all) {
+/** @param {(name: string, text: string) => Node} open @param {string} name @param {any[]} all @param {Drawings} drawings */
+function machine(open, name, all, drawings) {
   const main = all.find((m) => m.name === `bundled:${name}`), rest = all.filter((m) => m !== main);
   const list = el("ul", {}, ...rest.map((m) => el("li", { title: m.summary }, open(m.name, m.name.split("/").at(-1)), m.kind === "experiment" ? el("span", { class: "hint" }, " experiment with records") : null)));
   const words = { "data-words": `${name} ${all.map((m) => `${m.name} ${m.summary}`).join(" ")}`.toLowerCase() };
   if (!main) return el("li", words, el("b", {}, name), el("p", {}, "A collection of small diagrams."), el("details", {}, el("summary", {}, `${rest.length} diagrams`), list));
-  return el("li", words, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
+  return drawings.on(main.name, el("li", words, el("b", {}, open(main.name, name)), el("p", {}, main.summary),
     rest.length ? el("details", {}, el("summary", {}, `${rest.length} ${rest.length > 1 ? "variants" : "variant"}`), list) : null,
-    main.studies ? el("p", {}, `Its copy comes with ${main.studies} studies.`) : null);
+    main.studies ? el("p", {}, `Its copy comes with ${main.studies} studies.`) : null));
 }
