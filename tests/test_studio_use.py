@@ -73,6 +73,26 @@ def test_a_warning_of_a_run_stands_above_its_charts_and_pressures_are_in_bar(tab
     assert tab.complaints == []
 
 
+def test_the_tree_of_parts_unfolds_and_selects_by_keyboard(tab: browser.Tab, server: Server) -> None:
+    tab.go("about:blank")
+    tab.go(f"{server.address}#bundled:cmc_ahc")
+    _true(tab, "studio.view?.svg", 60)
+    tab.run("document.querySelector('#hierarchy summary').focus(), 1")
+    tab.key("Enter", code=13, text="\r")
+    _true(tab, "document.querySelectorAll('#tree li').length === Object.keys(studio.view.parts).length")
+    tab.key("Tab", code=9)
+    _true(tab, "document.activeElement.getAttribute('role') === 'treeitem'")
+    assert _unnamed(tab) == []
+    for key, code in (("End", 35), ("a", 65), ("ArrowRight", 39), ("ArrowRight", 39)):
+        tab.key(key, code=code, **({"text": key} if key == "a" else {}))
+    tab.key("Enter", code=13, text="\r")
+    tab.wait("studio.picked.path === 'ahc.pump' && studio.view.opened.includes('ahc')")
+    assert tab.run("document.activeElement.dataset.path") == "ahc.pump"
+    tab.click("#tree li[data-path=cmc] .row", count=2)
+    tab.wait("studio.view.opened.includes('cmc')")
+    assert tab.complaints == []
+
+
 def test_a_connection_that_was_lost_changes_nothing(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     tab.run("studio.editor.replace(studio.editor.text.replace('1.5 kN*s/m', '1.6 kN*s/m'))")

@@ -9,7 +9,7 @@ const KEYS = [
   ["On the drawing", [["Tab, Enter", "to the next part or wire; select it"], ["Shift+Enter, Ctrl+A", "add the part to those that are selected; select all parts"], ["arrow keys, +, −, 0", "move, larger, smaller, show all"], ["Shift+arrow keys", "move the selected parts by two steps of the grid"],
     ["W", "draw a wire from the selected part; Tab and Enter choose the ports"], ["F2, R, M, Ctrl+D, Del", "rename, turn, mirror, copy, delete"], ["Ctrl+C, Ctrl+X, Ctrl+V", "copy, cut and paste parts, also to another diagram"], ["O, E", "open or close a block; edit it in its own file"]]],
   ["On a chart", [["+, −, 0", "stretch the time, shrink it, show the whole run"], ["arrow keys", "earlier, later"]]],
-  ["Elsewhere", [["arrow keys", "move a slider, the instant of a run, a border between panes; go between the tabs of an experiment"], ["Ctrl+Space, Ctrl+F", "completion and search in the text"]]]];
+  ["Elsewhere", [["arrow keys, Enter", "in the tree of parts: go to a part, unfold and fold a block; select"], ["arrow keys", "move a slider, the instant of a run, a border between panes; go between the tabs of an experiment"], ["Ctrl+Space, Ctrl+F", "completion and search in the text"]]]];
 
 /** Show the list; Esc or a click on Close ends it. */
 export function showKeys() {

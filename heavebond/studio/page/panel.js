@@ -1,6 +1,7 @@
 // What is known of the selected part, wire or diagram: its parameters with sliders, its signals.
 
 import { askName, byId, el, number, unitLabel } from "./dom.js";
+import { Hierarchy } from "./hierarchy.js";
 import { isUnconnected, problemList } from "./results.js";
 
 const TICKS = 1000, LISTED = 40; // steps of a slider; signals of a search that are listed
@@ -12,7 +13,8 @@ export class Panel {
   /** @param {any} studio */
   constructor(studio) {
     this.studio = studio;
-    this.place = byId("panel");
+    this.place = byId("selected");
+    this.hierarchy = new Hierarchy(studio);
     /** @type {Map<string, [number, number]>} */
     this.ranges = new Map(); // of sliders that a user gave other ends
     this.sought = ""; // words of the search for signals
@@ -20,9 +22,10 @@ export class Panel {
 
   show() {
     const { view, picked } = this.studio, held = /** @type {HTMLElement|null} */ (document.activeElement), focus = held && this.place.contains(held) ? held.id : "";
-    const scroll = this.place.scrollTop;
+    const aside = byId("panel"), scroll = aside.scrollTop;
+    this.hierarchy.show();
     this.place.replaceChildren(...(view?.parts ? this.content(view, picked) : []));
-    this.place.scrollTop = scroll;
+    aside.scrollTop = scroll;
     if (focus) document.getElementById(focus)?.focus();
   }
 
