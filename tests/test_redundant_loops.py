@@ -155,6 +155,13 @@ def test_three_parallel_cranks() -> None:
     assert sum(len(loop.reactions) for loop in assembly.flat.redundancies) == 7
 
 
+def test_a_joint_with_both_ports_on_one_node_is_no_redundant_loop() -> None:
+    text = FOUR_BAR.replace("[pin_1.b, crank.a]", "[crank.a]").replace("[left.a, pin_1.a]", "[left.a, pin_1.a, pin_1.b]")
+    with pytest.raises(ModelError) as caught:
+        hb.assemble(hb.loads(text))
+    assert "[overdetermined]" in str(caught.value) and "pin_1" in str(caught.value)
+
+
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("pin_3:   " + HINGE, "pin_3:   {is: SpatialRevoluteJoint, n: [0, -0.99995, 0.0099998]}",
      "that of pin_3 is at 0.573 deg to them"),

@@ -85,12 +85,13 @@ def open_loop(flat: Flat) -> Problem | None:
 
 
 def _loops(flat: Flat) -> list[_Loops]:
-    """The loops of a flat model by groups with common coordinates; none if redundant constraints were left out before."""
+    """The loops of a flat model by groups with common coordinates; none if redundant constraints were left out before, or if
+    a part has both ports on one node, which is another error."""
     if flat.frames is None or not flat.frames.loops or flat.redundancies:
         return []
     tree, frame_rows = flat.frames, flat.frame_rows
     closures = [_closure(flat, key, tree, frame_rows) for key in tree.loops]
-    if sum(len(c.rows) for c in closures) > MOST_ROWS:
+    if sum(len(c.rows) for c in closures) > MOST_ROWS or any(len(parts) == 1 for parts in tree.loops.values()):
         return []
     # the orientations and positions along the trees in terms of the coordinates of joints
     symbols, definitions = list[ca.SX](), list[ca.SX]()
@@ -364,6 +365,7 @@ class _Loops:
         if gap < CLOSED*self.unit.max() and turn < CLOSED:
             k = next(k for k in range(len(self.closures)) if self._odd(k, c))
             closure, said = self.closures[k], "can be closed in single positions only, so that it cannot move"
+            joints = self._joints(self.tree.loops[closure.key])
         else:
             apart = listing([f"{readable(gap, 'm', 3)}"] * (gap > 1e-6) + [f"{np.degrees(turn):.3g} deg"] * (turn > 1e-6))
             said = f"does not close: in the best position that was found its ends at {closure.key[0]} are {apart} apart"
