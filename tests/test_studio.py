@@ -24,6 +24,7 @@ from heavebond.cli import main
 from heavebond.core.errors import HeavebondError, UsageError
 from heavebond.language.edits import with_values
 from heavebond.studio.bench import Bench, Thumbnails, view
+from heavebond.studio.difference import differences
 from heavebond.studio.folder import BUNDLED, EMPTY, TEMPLATES, Folder, bundled_machines, version
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, policy
@@ -122,6 +123,27 @@ def test_the_first_page_lists_the_machines() -> None:
 def test_a_value_is_written_where_it_decides(text: str, path: str, wanted: str) -> None:
     changed = with_values(text, {path: "2 m"})
     assert changed.rstrip("\n") == wanted.rstrip("\n")
+
+
+def test_differences_of_two_diagrams(folder: Folder) -> None:
+    """Parts, values, wires and outputs that differ; the same value in another unit does not, nor does a renamed node with
+    the same ports differ twice."""
+    changed = CAR
+    for old, new in (("m: 320 kg", "m: 0.32 t"), ("c: 22 kN/m", "c: 25 kN/m"), ("damper:      ", "dashpot:      "),
+                     (", damper.", ", dashpot."), ("unit: mm}", "unit: m}"), ("until: 4 s", "until: 6 s"),
+                     ("  road:  [", "  street:  ["), ("road.x", "street.x")):
+        changed = changed.replace(old, new)
+    found = differences(hb.loads(CAR), hb.loads(changed))
+    assert [(d["about"], d["mark"], d["path"], d["before"], d["after"]) for d in found] == [
+        ("part", "removed", "damper", "Damper", ""), ("part", "added", "dashpot", "", "Damper"),
+        ("value", "changed", "spring.c", "22 kN/m", "25 kN/m"),
+        ("wire", "changed", "body", "body.a, body_weight.a, damper.b, spring.b",
+         "body.a, body_weight.a, dashpot.b, spring.b"),
+        ("wire", "changed", "wheel", "damper.a, spring.a, tyre.b, wheel.a, wheel_weight.a",
+         "dashpot.a, spring.a, tyre.b, wheel.a, wheel_weight.a"),
+        ("output", "changed", "suspension", "body.x - wheel.x [mm]", "body.x - wheel.x [m]"),
+        ("run", "changed", "until", "4 s", "6 s")]
+    assert differences(hb.loads(CAR), hb.loads(CAR)) == []
 
 
 @pytest.mark.parametrize("template", TEMPLATES)

@@ -93,6 +93,25 @@ def test_the_tree_of_parts_unfolds_and_selects_by_keyboard(tab: browser.Tab, ser
     assert tab.complaints == []
 
 
+def test_differences_are_listed_and_marked_on_the_drawing(tab: browser.Tab, server: Server) -> None:
+    before = CAR.replace("damper:      ", "dashpot:      ").replace(", damper.", ", dashpot.").replace("22 kN/m", "20 kN/m")
+    (server.folder / "before.yaml").write_text(before, encoding="utf-8")
+    _open(tab, server)
+    tab.click("#differences")
+    _true(tab, "document.querySelector('#ask').open && document.querySelector('#other-diagram')")
+    assert _unnamed(tab) == []
+    tab.run("document.querySelector('#other-diagram').value = 'before.yaml', 1")
+    tab.click("#ask button.main")
+    _true(tab, "!document.querySelector('#ask').open && document.querySelector('.differences')")
+    assert "20 kN/m → 22 kN/m" in tab.run("document.querySelector('#panel').innerText")
+    assert tab.run("['damper', 'spring'].map(part => studio.diagram.group(part).classList.contains("
+                   "part === 'damper' ? 'added' : 'changed'))") == [True, True]
+    assert "dashpot" in tab.run("document.querySelector('.removed-parts').textContent")
+    tab.click("#end-differences")
+    assert tab.run("document.querySelectorAll('#sheet .added, #sheet .changed, .removed-parts').length") == 0
+    assert tab.complaints == []
+
+
 def test_a_connection_that_was_lost_changes_nothing(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     tab.run("studio.editor.replace(studio.editor.text.replace('1.5 kN*s/m', '1.6 kN*s/m'))")

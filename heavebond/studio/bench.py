@@ -48,12 +48,13 @@ from heavebond.studio.contents import (
     part_lines,
     problem_entry,
 )
+from heavebond.studio.difference import differences
 from heavebond.studio.edit_actions import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
 from heavebond.studio.job import Job
 from heavebond.studio.palette import component_entry, palette
 from heavebond.studio.sheet_edits import sheet_entry
-from heavebond.text.yaml_source import parse
+from heavebond.text.yaml_source import Source, parse
 
 # tolerance of runs while a slider moves: the width of a line on the screen is a thousandth of the range; the final run is
 # exact
@@ -176,6 +177,18 @@ def _driven(experiment: Experiment, problems: Problems) -> Assembly | None:
         return None
 
 
+def _model(source: Source) -> Model:
+    """A diagram, or the diagram of an experiment or a study; ModelError with the problems of the file."""
+    return experiment_from_source(source).model if "experiment" in source.root.items else \
+        study_from_source(source).model if "study" in source.root.items else from_source(source)
+
+
+def compared(before: Job, after: Job) -> Entry:
+    """The differences of the diagrams of two files, the second one with the values of the sliders."""
+    models = [_model(parse(job.text, Path(job.path), job.name)).with_parameters(dict(job.values)) for job in (before, after)]
+    return {"differences": differences(*models)}
+
+
 THUMBNAILS = 200  # drawings of the first page that a worker keeps
 LETTERS = re.compile(r"<(text|title|desc)\b.*?</\1>", re.DOTALL)
 
@@ -196,8 +209,7 @@ class Thumbnails:
             if is_block(source):
                 files, svg = (), symbol_picture(read_block(source).component)
             else:
-                model = experiment_from_source(source).model if "experiment" in source.root.items else \
-                    study_from_source(source).model if "study" in source.root.items else from_source(source)
+                model = _model(source)
                 files, svg = dependencies(model, Path(job.path)), draw(model)
             svg = LETTERS.sub("", svg)
         self._drawn[key] = (stamps(files), files, svg)
@@ -330,7 +342,7 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
-            "thumbnail": thumbnails.thumbnail,
+            "thumbnail": thumbnails.thumbnail, "difference": lambda before, after: (compared(before, after), None),
             "palette": lambda job: (palette(Path(job.path).parent), None),
             "forms": lambda command_line: ({"forms": forms(command_line)}, None),
             "picture": lambda job: ({"pdf": b64encode(converter(Path("x.pdf"))(draw(read(job)))).decode("ascii")}, None),

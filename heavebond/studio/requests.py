@@ -33,6 +33,17 @@ async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
                     "first": tab.first}, None
 
 
+async def _list(tab: Tab, _: dict[str, Any]) -> Answer:
+    """The diagrams that may be compared with the open one."""
+    machines = [{"name": entry["name"], "kind": entry["kind"]} for entry in bundled_machines()]
+    return "done", {"diagrams": await asyncio.to_thread(tab.folder.diagrams), "machines": machines}, None
+
+
+async def _difference(tab: Tab, message: dict[str, Any]) -> Answer:
+    other = await asyncio.to_thread(tab.folder.read, str(message["other"]))
+    return await tab.checker.ask("difference", Job(other.text, str(other.path), other.name), tab.job(message))
+
+
 async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
     tab.document = await asyncio.to_thread(tab.folder.read, str(message["name"]))
     tab.other_files = {}
@@ -207,7 +218,8 @@ ASKED: dict[str, Handler] = {
     "propose": lambda tab, message: tab.checker.ask("propose", tab.job(message),
                                                     str(tab.folder.record(str(message["file"]))))}
 HANDLERS: dict[str, Handler] = {
-    "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
+    "home": _home, "list": _list, "difference": _difference, "open": _open,
+    "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
     "thumbnail": _thumbnail, "view": _view, "forms": _forms, "stop": _stop, **ASKED,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
     "experiment": _experiment, "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -74,6 +74,7 @@ export class Evidence {
     byId("tune").hidden = this.active || component || study || !this.studio.view?.parts;
     byId("toggle-palette").hidden = this.active || study; // parts are placed on the diagram, not on an experiment
     byId("analyse").hidden = this.active || component || study || !this.studio.view?.parts;
+    byId("differences").hidden = component || !this.studio.view?.parts;
     byId("add-note").hidden = !this.studio.edits.possible;
     if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }

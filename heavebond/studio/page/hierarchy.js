@@ -101,9 +101,12 @@ export class Hierarchy {
     this.focus(item);
   }
 
-  /** Select a part on the drawing; the blocks around it are opened. @param {HTMLElement} item */
-  select(item) {
-    const path = item.dataset.path ?? "", { studio } = this, closed = [];
+  /** @param {HTMLElement} item */
+  select(item) { this.selectPath(item.dataset.path ?? ""); }
+
+  /** Select a part on the drawing; the blocks around it are opened. @param {string} path */
+  selectPath(path) {
+    const { studio } = this, closed = [];
     for (let above = this.owner(path); above; above = this.owner(above)) if (!studio.view.opened.includes(above)) closed.unshift(above);
     studio.opened = [...studio.opened, ...closed.filter((block) => !studio.opened.includes(block))];
     studio.pick("part", path);

@@ -4,6 +4,7 @@ import { Completion } from "./completion.js";
 import { Animation } from "./animation.js";
 import { askName, byId, el, message } from "./dom.js";
 import { Diagram } from "./diagram.js";
+import { Differences } from "./differences.js";
 import { Edits } from "./edits.js";
 import { Editor } from "./editor.js";
 import { Evidence } from "./evidence.js";
@@ -50,6 +51,7 @@ class Studio {
     this.runs.plots.onpoint = (time) => this.animation.pointed(time);
     this.evidence = new Evidence(this);
     this.records = new RecordFiles(this);
+    this.differences = new Differences(this);
     this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
     this.listen();
     splitters();
@@ -169,6 +171,7 @@ class Studio {
     this.animation.clear();
     this.evidence.clear();
     this.palette.clear();
+    this.differences.clear();
     this.diagram.clear();
     location.hash = encodeURIComponent(name);
     document.title = `${name} - heavebond studio`;
@@ -246,6 +249,8 @@ class Studio {
     if (drawn && text === this.editor.text) this.tidy();
     this.evidence.recognise(this.view);
     this.panel.show();
+    this.differences.mark();
+    void this.differences.refresh();
     this.evidence.viewed(this.view);
   }
 

@@ -39,7 +39,7 @@ export class Panel {
     if (view.study) return [el("h2", {}, view.study.name), el("p", {}, view.study.summary), el("p", {}, `${view.study.cases} ${view.study.cases === 1 ? "case" : "cases"} of the diagram ${view.name}, which is shown here.`)];
     if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
       el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
-    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
+    return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.differences.list(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
       ...this.signals(view.named ? "Outputs" : "States", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
       ...this.search(view), el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
