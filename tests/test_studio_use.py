@@ -112,6 +112,28 @@ def test_differences_are_listed_and_marked_on_the_drawing(tab: browser.Tab, serv
     assert tab.complaints == []
 
 
+def test_the_tour_leads_through_all_steps_and_ends_at_any_time(tab: browser.Tab, server: Server) -> None:
+    tab.go("about:blank")
+    tab.go(server.address)
+    _true(tab, "document.querySelector('#begin-tour')")
+    tab.run("document.getElementById('begin-tour').focus(), 1")
+    titles, steps = [], tab.run("studio.tour.steps.length")
+    tab.key("Enter", code=13, text="\r")
+    for k in range(steps):
+        _true(tab, f"studio.tour.at === {k} && document.querySelector('#tour:not([aria-busy])') && "
+                   "document.querySelector('.toured')", 60)
+        assert k != 4 or _unnamed(tab) == []
+        titles.append(tab.run("document.getElementById('tour-title').textContent"))
+        tab.wait(f"document.activeElement.id === '{'tour-end' if k == steps - 1 else 'tour-next'}'")
+        tab.key("Enter", code=13, text="\r")
+    tab.wait("document.querySelector('#tour').hidden && !document.querySelector('.toured')")
+    assert len(set(titles)) == steps and tab.run("studio.view.evidence")
+    tab.run("void studio.tour.begin()")
+    tab.key("Escape", code=27)
+    tab.wait("document.querySelector('#tour').hidden && studio.tour.at === -1")
+    assert tab.complaints == []
+
+
 def test_a_connection_that_was_lost_changes_nothing(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     tab.run("studio.editor.replace(studio.editor.text.replace('1.5 kN*s/m', '1.6 kN*s/m'))")

@@ -28,7 +28,7 @@ export function showHome(studio, told) {
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
     el("h2", {}, "Diagrams in ", el("code", { title: told.folder }, told.folder.split("/").at(-1) || told.folder)), el("div", { class: "start" }, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"),
-      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("input", { id: "filter", type: "search", placeholder: "Find a diagram", "aria-label": "Find a diagram by name or summary", autocomplete: "off", oninput: (/** @type {any} */ event) => filter(event.target.value) })), own,
+      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("button", { id: "begin-tour", title: "The studio in three minutes, on the heave compensator", onclick: () => void studio.tour.begin() }, "Tour"), el("input", { id: "filter", type: "search", placeholder: "Find a diagram", "aria-label": "Find a diagram by name or summary", autocomplete: "off", oninput: (/** @type {any} */ event) => filter(event.target.value) })), own,
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
     ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
@@ -92,6 +92,7 @@ class Drawings {
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
     svg.querySelector(":scope > rect")?.remove();
     if (svg.querySelectorAll("*").length > MANY) return;
+    for (const shape of svg.querySelectorAll("[data-part], [data-node]")) for (const name of ["data-part", "data-node"]) shape.removeAttribute(name); // nothing to select
     frame.replaceChildren(svg);
     const boxes = [...svg.querySelectorAll("g.part, path.wire")].map((shape) => shape.getBoundingClientRect()).filter((b) => b.width || b.height), on = svg.getScreenCTM();
     if (boxes.length && on) { // without the room of the title and the key

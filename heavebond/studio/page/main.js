@@ -21,6 +21,7 @@ import { RecordFiles } from "./records.js";
 import { isUnconnected } from "./results.js";
 import { Runs } from "./runs.js";
 import { splitters } from "./splitters.js";
+import { Tour } from "./tour.js";
 import { Wiring } from "./wiring.js";
 
 const NARROW = 900; // px, as in the styles
@@ -52,6 +53,7 @@ class Studio {
     this.evidence = new Evidence(this);
     this.records = new RecordFiles(this);
     this.differences = new Differences(this);
+    this.tour = new Tour(this);
     this.link = new Link((message) => this.pushed(message), (open) => this.file.linked(open));
     this.listen();
     splitters();
