@@ -164,10 +164,10 @@ def test_a_joint_with_both_ports_on_one_node_is_no_redundant_loop() -> None:
 
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("pin_3:   " + HINGE, "pin_3:   {is: SpatialRevoluteJoint, n: [0, -0.99995, 0.0099998]}",
-     "that of pin_3 is at 0.573 deg to them"),
+     "the axis of pin_3 deviates by 0.573 deg"),
     ("pin_1:   " + HINGE, "pin_1:   {is: SpatialRevoluteJoint, n: [0, -0.99995, 0.0099998]}",
-     "that of pin_1 is at 0.573 deg to them"),
-    ("l_x: 1 m}", "l_x: 1 m, l_y: 5 mm}", "along these its links end 5 mm apart"),
+     "the axis of pin_1 deviates by 0.573 deg"),
+    ("l_x: 1 m}", "l_x: 1 m, l_y: 5 mm}", "Along the axes, its ends are 5 mm apart"),
     ("l_x: 1 m}", "l_x: 0.1 m}", "the lengths of its links do not allow a closed loop")])
 def test_a_loop_that_does_not_close_is_named(old: str, new: str, said: str) -> None:
     with pytest.raises(ModelError) as caught:

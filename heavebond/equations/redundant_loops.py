@@ -2,15 +2,15 @@
 
 A loop gives three equations for the rotation and three for the translation (see `frames`), g(c) = 0 for the coordinates c of
 its joints. If the rank r of G = dg/dc is less than the number of equations at all positions of the machine, as with four
-parallel hinges, the others are redundant: the motion satisfies them anyway, and the reactions lambda in G'lambda are not
-determined. r equations are kept, and each of the others is replaced by the condition that its reaction, a component of the
-force or of the moment at the part that closes the loop, is zero. No power changes, as both act on a relative motion that is
+parallel hinges, the others are redundant: each motion satisfies them, and the reactions lambda in G'lambda are not
+determined. r equations are kept. Each omitted equation is replaced by the condition that its reaction, a component of the
+force or of the moment at the part that closes the loop, is zero. The power does not change, because the relative motion is
 zero.
 
-The rank is determined at the configuration nearest to the initial values and at others to which the machine moves from
-there. The equations are written in the axes of the part that closes the loop: in these the redundant directions of parallel
-or concurrent hinges are constant. Of all choices of r equations that which is best conditioned at the worst of these
-configurations is taken.
+The rank is determined at the configuration nearest to the initial values, and at configurations to which the machine moves
+from there. The equations are written in the axes of the part that closes the loop, because the redundant directions of
+parallel or concurrent hinges are constant in these axes. Of all selections of r equations, the one with the best condition
+at the worst of these configurations is kept.
 
 J. Garcia de Jalon, E. Bayo: Kinematic and Dynamic Simulation of Multibody Systems, Springer 1994, section 3.4 (redundant
 constraints); J. Wittenburg: Dynamics of Multibody Systems, Springer 2008, doi:10.1007/978-3-540-73914-2.
@@ -40,23 +40,23 @@ from heavebond.language.symbols import stack, uniform
 from heavebond.language.template import FrameForm, conjugate, quaternion_product, rotated
 
 Array = NDArray[np.float64]
-# largest constraint (rad, and sizes of the loop) that counts as satisfied; singular value over the largest below which
-# constraints depend on each other. Dimensions are given to six digits or more.
+# CLOSED: largest residual (rad, and sizes of the loop) of a satisfied constraint. LOST: singular value, relative to the
+# largest, below which constraints are dependent. Dimensions are given to six digits or more.
 CLOSED, LOST = 1e-6, 1e-5
-ASKED = 1e-3  # weight of a coordinate with an initial value, which it keeps if the loop can be closed
+ASKED = 1e-3  # weight of a coordinate with an initial value, so that the search changes it least
 STEPS = 60  # of the search for a configuration
-TRIALS = 6  # configurations from which one is sought
-MOVED, WAY = 3, 0.25  # configurations in each direction of motion, and the way between two (rad, sizes of the loop)
-MOST_CHOICES = 100  # sets of equations that are all compared
-MOST_ROWS = 300  # equations of loops beyond which they are not examined
+TRIALS = 6  # start configurations of the search
+MOVED, WAY = 3, 0.25  # configurations in each direction of motion, and the distance of two (rad, sizes of the loop)
+MOST_CHOICES = 100  # sets of equations, up to which all are compared
+MOST_ROWS = 300  # equations of loops, above which redundancy is not examined
 REDUNDANT = ", and it has more constraints than motions"
 PARALLEL = 1e-5  # angle of axes that counts as zero, rad
 
 
 @dataclass(frozen=True)
 class _Closure:
-    """A relation that closes a loop: its equations, its residuals in the axes of its port (rad, m), their reactions with
-    their names, and the orientation of the port."""
+    """A relation that closes a loop: its equations, its residuals in the axes of its port (rad, m), the reactions of the
+    equations with their names, and the orientation of the port."""
 
     key: Key
     port: str
@@ -68,15 +68,15 @@ class _Closure:
 
 
 def without_redundancies(flat: Flat) -> Flat:
-    """The flat model without redundant constraints of loops. Raises ModelError for a loop that more equations constrain than
-    it has independent motions, and that closes in no position."""
+    """The flat model without redundant constraints of loops. Raises ModelError for a loop with redundant constraints that
+    does not close in any position."""
     for loops in _loops(flat):
         flat = loops.reduced(flat)
     return flat
 
 
 def open_loop(flat: Flat) -> Problem | None:
-    """The error for a loop without redundant constraints that closes in no position that was tried; None if all close."""
+    """The error for a loop without redundant constraints that closed in none of the trials; None if all loops close."""
     for loops in _loops(flat):
         c, closed = loops.start()
         if not closed:
@@ -85,8 +85,8 @@ def open_loop(flat: Flat) -> Problem | None:
 
 
 def _loops(flat: Flat) -> list[_Loops]:
-    """The loops of a flat model by groups with common coordinates; none if redundant constraints were left out before, or if
-    a part has both ports on one node, which is another error."""
+    """The loops of a flat model in groups with common coordinates; empty if redundant constraints were omitted before, or if
+    a part has both ports on one node (another error)."""
     if flat.frames is None or not flat.frames.loops or flat.redundancies:
         return []
     tree, frame_rows = flat.frames, flat.frame_rows
@@ -148,8 +148,8 @@ def _closure(flat: Flat, key: Key, tree: FrameTree, frame_rows: Mapping[tuple[Ke
 
 
 class _Loops:
-    """The closures of loops that share coordinates: their residuals h (m,), angles in rad and lengths in sizes of the loop,
-    as a function of the coordinates (n,) of joints; lengths among these are in sizes of the loop, too."""
+    """The closures of loops that share coordinates. Their residuals h (m,) are a function of the coordinates (n,) of joints.
+    Angles are in rad, lengths in sizes of the loop."""
 
     def __init__(self, flat: Flat, tree: FrameTree, closures: Sequence[_Closure], residuals: ca.SX, turns: ca.SX,
                  members: Sequence[int]):
@@ -181,8 +181,8 @@ class _Loops:
         return np.array([q.value for q in self.flat.parameters])
 
     def _guess(self) -> tuple[Array, set[int]]:
-        """The initial guess of all unknowns, and those with a value that the diagram states: initial values, given inputs,
-        and unknowns that these set by equations such as phi = d.phi."""
+        """The initial guess of all unknowns, and the unknowns whose values the diagram states: initial values, given inputs,
+        and unknowns that follow from these by equations such as phi = d.phi."""
         flat, guess = self.flat, InitialGuess(self.flat)(self._p)
         conditions = {flat.names[name]: c for name, c in flat.expanded.model.initial.conditions.items()
                       if name in flat.names}
@@ -199,8 +199,8 @@ class _Loops:
         return guess, stated
 
     def _following(self, known: set[int]) -> list[dict[int, int]]:
-        """The unknowns that follow from known ones by equations of two unknowns, by equation: those that follow at once,
-        those that follow from these, and so on."""
+        """The unknowns that follow from known ones by equations of two unknowns, in successive passes; each pass is a
+        mapping from the equation to its unknown."""
         flat, reached, waves = self.flat, set(known), list[dict[int, int]]()
         rows = {i: [packed for packed, _ in entries] for i, entries in enumerate(flat.entries)
                 if len(entries) == 2 and max(packed for packed, _ in entries) < len(flat.unknowns)}
@@ -213,7 +213,7 @@ class _Loops:
             reached |= set(new)
 
     def _set(self, values: Array, targets: Mapping[int, int]) -> None:
-        """Change the values of unknowns such that the equations that set them hold, by a Newton step."""
+        """Solve the equations of `targets` for their unknowns by a Newton step, in `values`."""
         if not targets:
             return
         symbols = stack(self.flat.levels[0][j] for j in targets.values())
@@ -229,8 +229,8 @@ class _Loops:
                 values[j] -= residual[k] / slope[k]
 
     def closed(self, c: Array, weight: Array | float = 1.0) -> Array:
-        """The coordinates at the least sum of squares of the constraints near c, by the method of Levenberg and Marquardt
-        with the square of the residual as the parameter, which converges quadratically to a set of solutions, too (N.
+        """The coordinates at the least sum of squares of the constraints near c, by the method of Levenberg and Marquardt.
+        Its parameter is the square of the residual, so that it converges quadratically also if the solutions are a set (N.
         Yamashita, M. Fukushima, Computing Supplement 15 (2001) 239-249, doi:10.1007/978-3-7091-6217-0_18). Coordinates with
         a small `weight` move less."""
         (h, slopes), damping = self.at(c), 1.0
@@ -253,8 +253,8 @@ class _Loops:
         return c
 
     def start(self) -> tuple[Array, bool]:
-        """The configuration nearest to the guess, and whether the loops are closed there; else the best of some searches
-        from turned joints. Coordinates with a stated value keep it if possible."""
+        """The closed configuration nearest to the guess and True; else the best configuration of searches from turned
+        joints, and whether it is closed. Coordinates with a stated value keep it if possible."""
         begin = self.guess[self.members] / self.sizes
         weight = np.array([ASKED if j in self.stated else 1.0 for j in self.members])
         best, least = begin, np.inf
@@ -270,7 +270,7 @@ class _Loops:
         return best, least < CLOSED
 
     def configurations(self, c: Array) -> list[Array]:
-        """The closed configuration c, and others to which the machine moves from it in both directions."""
+        """The closed configuration c, and configurations to which the machine moves from c in both directions."""
         reached = [c]
         for direction in (1.0, -1.0):
             at, way = c, np.zeros(len(c))
@@ -279,7 +279,7 @@ class _Loops:
                 motions = right[int((values > LOST*max(values.max(initial=0.0), 1e-300)).sum()):]
                 if not len(motions):
                     return reached
-                # on in the same direction; a combination of all motions at first
+                # continue in the same direction; the first direction is a combination of all motions
                 along = motions.T @ (motions @ way) if way.any() else \
                     direction * motions.T @ np.array([1 + uniform(3, k) for k in range(len(motions))])
                 moved = self.closed(at + WAY * along / max(float(np.abs(along).max()), 1e-300))
@@ -331,7 +331,7 @@ class _Loops:
                        redundancies=tuple(redundancies))
 
     def _configuration(self, c: Array) -> dict[int, float]:
-        """The values of the coordinates of a configuration, and of the unknowns that they set."""
+        """The values of the coordinates of a configuration, and of the unknowns that the coordinates determine."""
         values = self.guess.copy()
         values[self.members] = c * self.sizes
         waves = self._following(set(self.members))
@@ -341,7 +341,7 @@ class _Loops:
         return {j: float(values[j]) for j in known if j not in self.stated}
 
     def _joints(self, parts: Sequence[str]) -> tuple[str, ...]:
-        """The joints of a loop: the parts that leave a motion free; all parts if none does."""
+        """The joints of a loop, which are its parts with a free motion; all parts if none has one."""
         owners = {self.flat.unknowns[j].name.rpartition(".")[0] for j in self.members}
         owners |= {owner.rpartition(".")[0] for owner in owners}  # roll.phi of a CardanJoint
         owners |= {part for part in parts if any(frame.a and (frame.turn is None or frame.shift is None)
@@ -349,8 +349,8 @@ class _Loops:
         return tuple(part for part in parts if part in owners) or tuple(parts)
 
     def open(self, c: Array, redundant: str) -> Problem:
-        """The error for loops that close in no position: the loop with the largest gap, and the joint whose axis differs
-        from the others, or the direction in which the links leave the plane of the loop."""
+        """The error for loops that do not close in any position: the loop with the largest gap, and its cause: a joint with
+        a different axis, or links that leave the plane of the loop."""
         h, first, gaps = self.at(c)[0], 0, list[tuple[float, int, float, float]]()
         for k, closure in enumerate(self.closures):
             part = h[first:first + len(closure.rows)]
@@ -364,24 +364,24 @@ class _Loops:
         joints = self._joints(self.tree.loops[closure.key])
         if gap < CLOSED*self.unit.max() and turn < CLOSED:
             k = next(k for k in range(len(self.closures)) if self._odd(k, c))
-            closure, said = self.closures[k], "can be closed in single positions only, so that it cannot move"
+            closure, said = self.closures[k], "closes in isolated positions only and cannot move"
             joints = self._joints(self.tree.loops[closure.key])
         else:
             apart = listing([f"{readable(gap, 'm', 3)}"] * (gap > 1e-6) + [f"{np.degrees(turn):.3g} deg"] * (turn > 1e-6))
-            said = f"does not close: in the best position that was found its ends at {closure.key[0]} are {apart} apart"
+            said = f"does not close: in the closest position found, its ends at {closure.key[0]} are {apart} apart"
         axes = self._axes(k, c)
         axis = next(iter(axes.values()), np.zeros(3))
         advice = "Check the lengths of its links, the axes of its joints and the fixed points."
         if odd := self._odd(k, c):
             others = [a for a in axes if a != odd]
             angle = np.degrees(np.arcsin(min(1.0, float(np.linalg.norm(np.cross(axes[odd], axes[others[0]]))))))
-            advice = f"The axes of {listing(others)} are parallel, and that of {odd} is at {angle:.3g} deg to them: make " \
-                "it parallel."
+            advice = f"The axes of {listing(others)} are parallel; the axis of {odd} deviates by {angle:.3g} deg: make it " \
+                "parallel."
         elif len(axes) > 2 and all(np.linalg.norm(np.cross(axis, other)) < PARALLEL for other in axes.values()):
             apart_along = abs(float(axis @ self._gap(k, c)))
-            advice = f"All axes of its joints are parallel, and along these its links end {readable(apart_along, 'm', 3)} " \
+            advice = f"All axes of its joints are parallel. Along the axes, its ends are {readable(apart_along, 'm', 3)} " \
                 "apart: the lengths along the axes must add up to zero." if apart_along > 0.5*gap else \
-                "All axes of its joints are parallel, and the lengths of its links do not allow a closed loop across these."
+                "All axes of its joints are parallel. Across the axes, the lengths of its links do not allow a closed loop."
         leaf = self.flat.expanded.leaves[odd or closure.key[0]]
         if redundant:
             advice += "\nOr replace a joint by a SphericalJoint or a CylindricalJoint, so that each motion is " \
@@ -389,7 +389,7 @@ class _Loops:
         return Problem("loop-open", f"the loop {listing(joints, 12)} {said}{redundant}", leaf.place, advice)
 
     def _odd(self, k: int, c: Array) -> str:
-        """The joint whose axis is not parallel to those of the others in the loop of a closure, if these are parallel."""
+        """The joint of a loop whose axis is not parallel to the other axes, if the other axes are parallel; else empty."""
         axes = self._axes(k, c)
         odd = [a for a in axes if len(axes) > 3 and all(
             np.linalg.norm(np.cross(axes[b], axes[d])) < PARALLEL for b in axes for d in axes if a not in (b, d))]
@@ -406,8 +406,8 @@ class _Loops:
         return np.asarray(h + 2*np.cross(q_at[1:], np.cross(q_at[1:], h) + q_at[0]*h))
 
     def _axes(self, k: int, c: Array) -> dict[str, Array]:
-        """The axes in the fixed frame of the joints with one angle in the loop of a closure: the angular velocity of one of
-        its ends for the rate of each coordinate."""
+        """The axes of the joints with one angle in a loop, in the fixed frame: the angular velocity of an end of the loop
+        per rate of each coordinate."""
         closure = self.closures[k]
         if len(closure.rows) < 6:  # a rotation or a translation alone
             return {}
@@ -431,7 +431,7 @@ class _Loops:
 
 
 def _lengths(flat: Flat, closure: _Closure) -> set[str]:
-    """The reactions of a closure that belong to lengths."""
+    """The names of the reactions of the length constraints of a closure."""
     domain = flat.domains[closure.port]
     flows = {domain.rate(member) for member in domain.positions}
     return {effort for effort, flow in domain.pairs if flow in flows}
@@ -443,7 +443,7 @@ def _rank(slopes: Array) -> int:
 
 
 def _independent(slopes: Sequence[Array], rank: int) -> set[int]:
-    """The rows of the Jacobians (m, n) that are best conditioned at the worst of all, `rank` of them."""
+    """The `rank` rows of the Jacobians (m, n) with the best condition at the worst Jacobian."""
     m = len(slopes[0])
     if comb(m, rank) <= MOST_CHOICES:
         choices: list[Sequence[int]] = list(combinations(range(m), rank))
