@@ -24,7 +24,8 @@ def differences(before: Model, after: Model) -> list[Entry]:
     Raises ModelError for a diagram that cannot be read.
     """
     old, new = (expand_as_far(model)[0] for model in (before, after))
-    kinds = [{path: (leaf.component.name, leaf.component.name) for path, leaf in e.leaves.items()} for e in (old, new)]
+    kinds: list[Values] = [{path: (leaf.component.name, leaf.component.name) for path, leaf in e.leaves.items()}
+                           for e in (old, new)]
     other = {path for path in {**kinds[0], **kinds[1]} if kinds[0].get(path) != kinds[1].get(path)}
 
     def of_equal_parts(path: str) -> bool:
@@ -60,8 +61,7 @@ def _values(expanded: Expanded) -> Values:
     return values
 
 
-def _value(bound: Bound | None, unit: str) -> tuple[object, str]:
-    assert bound is not None
+def _value(bound: Bound, unit: str) -> tuple[object, str]:
     value = bound.value
     if isinstance(value, FileInput):
         return value.file, value.file.name

@@ -87,9 +87,9 @@ export class Tour {
   place() {
     if (this.at < 0) return;
     const about = this.marked?.getBoundingClientRect() ?? new DOMRect(innerWidth / 2, innerHeight / 3, 0, 0), { offsetWidth: wide, offsetHeight: high } = this.box;
-    const inside = about.width > innerWidth / 3 && about.height > high + 3 * GAP; // a pane is wide: in its lower corner
+    const inside = about.width > innerWidth / 3 && about.height > high + 3 * GAP; // a wide pane: to the left of it, or in its lower corner
     const y = inside ? about.bottom - high - GAP : about.bottom + GAP + high < innerHeight ? about.bottom + GAP : about.top - high - GAP;
-    const x = inside ? about.left + GAP : about.right - wide;
+    const x = inside ? about.left > wide ? about.left - wide : about.left + GAP : about.right - wide;
     this.box.style.left = `${Math.max(GAP, Math.min(innerWidth - wide - GAP, x))}px`;
     this.box.style.top = `${Math.max(GAP, Math.min(innerHeight - high - GAP, y))}px`;
   }
