@@ -106,8 +106,8 @@ def check_agreement(model: hb.Model, folder: Path) -> None:
     held = with_held(run, p, run.held)
     largest = np.abs(np.array(rates(run.time[None, :], run.x, run.z, held, np.zeros((0, 1)), 1.0)[0])).max(axis=1)
     for k in (0, len(run.time) // 3, len(run.time) - 1):
-        # from a guess some 20 % off: the algebraic unknowns have to be found. A guess that is further away can lead to another
-        # solution: a rod on a sphere has two heights
+        # from a guess some 20 % off: the algebraic unknowns have to be found. A guess that is further away can lead to
+        # another solution: a rod on a sphere has two heights
         largest_z = np.abs(run.z).max(axis=1, initial=0.0)
         guess = 0.8 * run.z[:, k] + np.where(largest_z > 0, np.minimum(0.2 * largest_z, 1.0), 1.0)
         status, dx, y, z = code(run.time[k], run.x[:, k], guess, p, u)

@@ -551,3 +551,55 @@ simulate: {until: 5 s, every: 10 ms}
     assert run["table.y"] == pytest.approx(f, abs=1e-5)
     assert run["sum.y"] == pytest.approx(g/7, abs=1e-4)
     assert run.sensitivity("sum.y", "a")[-1] == pytest.approx(5*f[-1]/7 - g[-1]/49, rel=1e-3)
+
+
+@checks("ScheduledPID")
+def test_the_gains_of_a_scheduled_controller_are_linear_between_the_points_of_its_table() -> None:
+    """w = K_p(s) e + q + K_d(s) (e - z)/T_f; q' = K_i(s) e + (y - w)/T_t (Astrom, Wittenmark, chapter 9)."""
+    law = part("ScheduledPID", n=3, x="[1, 3, 4]", K_p="[2, 6, 1]", K_i="[4 1/s, 4 1/s, 8 1/s]",
+               K_d="[0.1 s, 0.3 s, 0.3 s]", T_f="10 ms", T_t="0.2 s", y_min="-5", y_max="5")
+    s, e, z, q = np.array([0.0, 2.0, 3.5, 9.0]), np.array([1.0, -0.5, 2.0, 0.1]), np.array([1.0, -0.6, 2.0, 0.0]), 0.5
+    found = law({"s": s, "r": e + 7, "u": 7.0, "z": z, "q": q})
+    gains = [np.interp(s, [1, 3, 4], values) for values in ([2, 6, 1], [4, 4, 8], [0.1, 0.3, 0.3])]
+    w = gains[0]*e + q + gains[2]*(e - z)/0.01
+    agree(found["y"], np.clip(w, -5, 5))
+    agree(found["der(q)"], gains[1]*e + (np.clip(w, -5, 5) - w)/np.maximum(0.2, gains[0]/gains[1]/20))
+
+
+@checks("MotionSequence")
+def test_a_sequence_of_motions_keeps_its_limits_and_takes_the_shortest_time() -> None:
+    """A motion over D > v**2/a + v a/j takes D/v + v/a + a/j; its ends have the jerk j (Lambrechts and others, 2005)."""
+    law = part("MotionSequence", n=3, p="[0, 3, 1]", T_d="[0.5 s, 1 s]", v="1 1/s", a="2 1/s**2", j="10 1/s**3")
+    T = np.array([3.7, 2.7])
+    begin = np.array([0.5, 0.5 + T[0] + 1.0])
+    t, D = np.array([0.0, 0.05, 0.2]), np.array([3.0, -2.0])
+    for k, start in enumerate((0.0, 3.0)):
+        rising, falling = law({"time": begin[k] + t}), law({"time": begin[k] + T[k] - t})
+        side = np.sign(D[k])
+        agree(rising["y"], start + side*10*t**3/6, size=1)
+        agree(falling["y"], start + D[k] - side*10*t**3/6, size=1)
+        agree(rising["w"], side*10*t**2/2, size=1)
+        agree(rising["b"], side*10*t, size=1)
+        middle = law({"time": begin[k] + T[k]/2})
+        agree([middle["y"], middle["w"], middle["b"]], [start + D[k]/2, side, 0], size=1)
+    agree(law({"time": begin[1] - 0.5})["y"], 3.0)
+
+
+@checks("PredictiveController")
+def test_the_command_of_a_predictive_controller_is_the_nearest_one_within_its_limits() -> None:
+    """With a horizon of one command: that of the regulator -2 x, of the estimate x from the sample before, within both
+    limits (Rawlings and others, section 2.5)."""
+    found = run("""\
+model: one
+components:
+  part: {is: PredictiveController, n: 1, r: 1, N: 1, C: [[0]], L: [[1]], F: [[-2], [-2]], W: [[1], [1]], y_min: -1.5,
+         y_max: 1, rate: 5 1/s, T_s: 100 ms, u: ["=if_else(time < 0.65 s, 1, -0.1)"]}
+simulate: {until: 1.2 s, every: 50 ms}
+""")
+    command, x, expected = 0.0, 0.0, []
+    for k in range(12):
+        command = float(np.clip(np.clip(-2*x, command - 0.5, command + 0.5), -1.5, 1))
+        x = 1.0 if k <= 6 else -0.1
+        expected.append(command)
+    # the interior-point method ends at 1e-8 of the limits
+    agree(np.interp(0.05 + 0.1*np.arange(12), found.time, found["part.y"]), expected, size=1, rtol=1e-6)
