@@ -213,7 +213,7 @@ def test_a_step_calls_nothing_that_allocates(tmp_path: Path) -> None:
     (("--solver", "rk5"), "not a method with a fixed step"),
     (("--solver", "rk4"), "needs a step above 0 s"),
     (("--step", "30 ms"), "the period of read.sample, 0.02 s, is shorter than the step of 0.03 s"),
-    (("--step", "3 ms"), "read.sample: the period is not a multiple of the step; the instants divide steps"),
+    (("--step", "3 ms"), "read.sample: the period is not a multiple of the step; its instants divide steps"),
     (("--step", "10 ms", "--solver", "rk4", "--set", "lag.T_1=2 ms"), "unstable with this step at the start of the run; its "
      "longest stable step is 0.0056 s")])
 def test_the_command_says_what_to_type(words: tuple[str, ...], expected: str, tmp_path: Path) -> None:
@@ -282,7 +282,7 @@ def test_the_runner_measures_its_steps(runner: Path) -> None:
 @pytest.mark.parametrize(("words", "expected"), [
     (("--port", "0"), "not a number in its range"), (("--lock-step",), "needs --port and --to"),
     (("--set", "lag.T=1"), "no parameter of this name"), (("--outputs", "lag,x"), "'x' is not an output"),
-    (("--until", "0"), "not after the begin"), (("--wrong",), "there is no option '--wrong'")])
+    (("--until", "0"), "not after the start"), (("--wrong",), "there is no option '--wrong'")])
 def test_wrong_options_of_the_runner(words: tuple[str, ...], expected: str, runner: Path) -> None:
     found = subprocess.run([runner, *words], capture_output=True, text=True, check=False)
     assert found.returncode == 2 and expected in found.stderr

@@ -14,7 +14,7 @@ static const double DELAY_SHARE = 0.25;  /* of the shortest delay: the longest s
 static const char NO_DELAY[] = "a delay is not positive";
 static const char LONG_HISTORY[] = "a delay is too long for the steps of the integration: its history has too many points";
 static const char MANY_BREAKS[] = "a delay is too long: too many discontinuities are on their way through it";
-static const char DELAY_IMPULSE[] = "a delayed variable jumps whose rate the equations need";
+static const char DELAY_IMPULSE[] = "a delayed variable jumps, and the equations need its rate";
 
 /* The sources and the delays at the present values. */
 static const char *sources(double t, const double *x, const double *z, const double *p, const double *u, double *w, double *T) {

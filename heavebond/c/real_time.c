@@ -1,11 +1,11 @@
-/* A run with a fixed step for real time. The memory is one block of constant size; no step allocates memory or iterates
-   without a bound.
+/* A run with a fixed step for real time. The memory is one block of constant size. No step allocates memory, and each
+   iteration has a bound.
 
-   A step consists of at most PARTS parts. A part ends at the end of the step, at an instant of time, where a discontinuity
-   returns from a delay, or where a condition becomes true. The instant of a condition is found by the regula falsi
-   (Illinois) with at most LOCATING further steps of the method from the begin of the part. Events that remain after the
+   A step consists of at most PARTS parts. A part ends at the end of the step, at a known instant, at the instant when a
+   discontinuity leaves a delay, or when a condition becomes true. The instant of a condition is located by the regula falsi
+   (Illinois) with at most LOCATING further steps of the method from the beginning of the part. Events that remain after the
    last part happen at the end of the step and are counted as late. A condition that becomes true and false again within
-   one part is not seen.
+   one part is not detected.
 
    Methods: Euler and Runge-Kutta of order 4; backward Euler with one iteration of Newton's method (the linearly implicit
    Euler method); the Rosenbrock method of rosenbrock.c. The implicit methods factorise one matrix in each of their steps.
@@ -20,15 +20,15 @@
 
 enum { PARTS = 4, LOCATING = 4, TERMS = 8, ROWS = 3 + TERMS, STENCIL = 6, LEVELS = 2, NO_LEVEL = 99 };
 static const double TINY = 1e-140; /* values below it become 0: operations on denormal numbers take ten times as long */
-static const double MARGIN = 1e-7; /* of a step: by so much an event happens after its condition, so that it is true there */
-static const double APART = 0.1;   /* distance of two points of a stencil over that of the two around a time, at least */
+static const double MARGIN = 1e-7; /* delay of an event after its condition, in steps, so that the condition is true */
+static const double APART = 0.1;   /* least distance of two points of a stencil, over the distance of the two around a time */
 static const char NO_DELAY[] = "a delay is not positive";
 static const char SHORT_DELAY[] = "a delay is shorter than the step";
 static const char LONG_DELAY[] = "a delay is longer than its ring buffer: set it in the diagram and export again";
-static const char DELAY_IMPULSE[] = "a delayed variable jumps whose rate the equations need";
+static const char DELAY_IMPULSE[] = "a delayed variable jumps, and the equations need its rate";
 static const char NOT_KNOWN[] = "the values became infinite: the step may be too long for the method";
 
-/* the discontinuity at the present time that the ring has still to record: 0 a jump, 1 a kink, ... */
+/* the discontinuity at the present time, which the ring has not yet recorded: 0 a jump, 1 a kink, ... */
 typedef struct {
   int level;
 } History;
@@ -44,9 +44,9 @@ static const char *cut(Values *now, int level) {
 
 /* the sources of delayed variables at the ends of steps and on both sides of discontinuities */
 typedef struct {
-  long long number, next[model_n_d + 1]; /* next: the first node, for each delay, that may be a discontinuity on its way */
+  long long number, next[model_n_d + 1]; /* next: for each delay, the first node that may be a discontinuity inside it */
   double t[model_ring], w[model_ring][model_n_d + 1];
-  int level[model_ring]; /* of the discontinuity after which the node lies, or NO_LEVEL */
+  int level[model_ring]; /* level of the discontinuity just before the node, or NO_LEVEL */
 } Ring;
 
 struct model_run {
@@ -72,7 +72,7 @@ static const char *sources(const Values *now, double *w, double *T) {
   return NULL;
 }
 
-/* Record the sources at the present point, which lies after a discontinuity of a level. */
+/* Record the sources at the present point, just after a discontinuity of a level. */
 static const char *record(struct model_run *run, int level) {
   Ring *ring = &run->ring;
   Values *now = &run->now;
@@ -81,7 +81,7 @@ static const char *record(struct model_run *run, int level) {
   const char *wrong;
   now->history.level = NO_LEVEL;
   if (!model_n_d || (there && level == NO_LEVEL)) return NULL;
-  if (there && ring->level[last] != NO_LEVEL) { /* the stretch has just begun */
+  if (there && ring->level[last] != NO_LEVEL) { /* the last node is just after a discontinuity */
     level = level < ring->level[last] ? level : ring->level[last];
   } else {
     last = (int)(ring->number++ % model_ring);
@@ -91,7 +91,7 @@ static const char *record(struct model_run *run, int level) {
   return sources(now, ring->w[last], 0);
 }
 
-/* The instant at which the next discontinuity returns from delay k of length T. */
+/* The instant at which the next discontinuity leaves delay k of length T. */
 static double return_instant(Ring *ring, int k, double T) {
   if (ring->number - ring->next[k] > model_ring) ring->next[k] = ring->number - model_ring;
   while (ring->next[k] < ring->number && ring->level[ring->next[k] % model_ring] == NO_LEVEL) ++ring->next[k];
@@ -157,7 +157,7 @@ static double delayed_now(const Values *now, int k) {
   return row[0] > 0 ? value : now->p[model_d_before[k]];
 }
 
-/* The discontinuities that return now: the pieces of the delayed variables change. */
+/* Discontinuities that leave the delays now: the pieces of the delayed variables change. */
 static const char *returned(struct model_run *run) {
   Values *now = &run->now;
   double T[model_n_d + 1], before[model_n_d + 1], end = now->t + model_dt, same = same_instant(now);
@@ -220,8 +220,8 @@ static bool method_step(const Values *from, const double *y, const Linear *here,
   return true;
 }
 
-/* The largest indicator of the conditions that become true between the begin and the end of a part, where they are a and b,
-   as a share of its change. */
+/* Of the conditions that become true in a part, the largest indicator relative to its change; a and b are the indicators at the
+   beginning and at the end of the part. */
 static double largest(const Values *now, const double *a, const double *b, const double *indicators) {
   double found = -INFINITY;
   int c;
@@ -230,7 +230,7 @@ static double largest(const Values *now, const double *a, const double *b, const
   return found;
 }
 
-/* A part of a step to `end` or, with `locate`, to the first condition that becomes true before it; *early says so. */
+/* A part of a step to `end` or, with `locate`, to the first condition that becomes true before `end`; *early is then true. */
 static const char *part(struct model_run *run, double end, bool locate, bool *early) {
   Values *now = &run->now;
   double y[UNKNOWNS + 1], next[UNKNOWNS + 1], best[UNKNOWNS + 1], a[model_n_c + 1], b[model_n_c + 1], at[model_n_c + 1];
@@ -277,7 +277,7 @@ static const char *part(struct model_run *run, double end, bool locate, bool *ea
   return NULL;
 }
 
-/* What is due at the present point happens. */
+/* Execute the events that are due at the present point. */
 static const char *events_now(struct model_run *run) {
   Values *now = &run->now;
   bool any, by_condition, sets;

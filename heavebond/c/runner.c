@@ -1,4 +1,4 @@
-/* A runner of MODEL.c for POSIX, written by heavebond; give it another name before you change it. It makes one step of the
+/* A runner of MODEL.c for POSIX, written by heavebond; rename it before you change it. It makes one step of the
    program in each period of CLOCK_MONOTONIC, measures the time of each step, and exchanges inputs and outputs by UDP on the
    loopback interface.
 
@@ -7,7 +7,7 @@
 
    A datagram consists of doubles of 8 bytes, little-endian: the time in s, then the values in the order of MODEL.h.
      to --port (received)  time, inputs:  8 * (1 + MODEL_n_u) bytes; the inputs are held until the next datagram
-     to --to (sent)        time, outputs: 8 * (1 + MODEL_n_y) bytes, or those that --outputs names
+     to --to (sent)        time, outputs: 8 * (1 + MODEL_n_y) bytes, or the outputs of --outputs
    Without --lock-step the time of a received datagram is not read. A datagram of another length, or with a value that is
    infinite or not a number, is rejected and counted. */
 #define _POSIX_C_SOURCE 200809L
@@ -80,7 +80,7 @@ static void send_outputs(int udp, const struct sockaddr_in *to, const MODEL_run 
 }
 
 /* Read one datagram, if there is any, and set the inputs: 1 if it was accepted, 0 if not, -1 if there is none. In lock step
-   the time has to be above *after. */
+   the time must be later than *after. */
 static int read_inputs(int udp, MODEL_run *run, double *after) {
   ssize_t size = recv(udp, received, sizeof received, 0);
   double time, value[MODEL_n_u + 1];
@@ -103,7 +103,7 @@ static int read_inputs(int udp, MODEL_run *run, double *after) {
   return 1;
 }
 
-/* The upper limit of the bin in which the share lies, in s. */
+/* The upper limit in s of the bin that contains the quantile `share`. */
 static double quantile(double share, uint64_t n) {
   uint64_t sum = 0;
   int k;
@@ -112,7 +112,7 @@ static double quantile(double share, uint64_t n) {
   return 1e-9 * pow(2, (k + 1.0) / BINS_IN_OCTAVE);
 }
 
-/* The outputs with the names in a list, which commas separate: the first name that is unknown, or NULL. */
+/* Choose the outputs of a list of names, separated by commas; the first unknown name, or NULL. */
 static const char *choose_outputs(const char *list) {
   static char name[200];
   n_chosen = 0;
@@ -206,7 +206,7 @@ int main(int argc, char **argv) {
   }
   if (!run) return fprintf(stderr, "no memory\n"), 1;
   if (MODEL_init(run, p)) return fprintf(stderr, "%s\n", MODEL_message(run)), 1;
-  if (!(until > MODEL_time(run))) return fprintf(stderr, "--until is not after the begin, %g s\n", MODEL_time(run)), 2;
+  if (!(until > MODEL_time(run))) return fprintf(stderr, "--until is not after the start, %g s\n", MODEL_time(run)), 2;
   if (port > 0 || to_port > 0) {
     memset(&own, 0, sizeof own);
     own.sin_family = AF_INET;

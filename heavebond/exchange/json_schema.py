@@ -235,7 +235,7 @@ def component_file(known: Library) -> Schema:
         "opens": _said("pressure by which a valve is open, positive while it passes, `a.p - b.p - dp_0`"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}` or `{x: steady}`"),
         "frames": _each(_object(dict.fromkeys(("turn", "spin", "shift", "speed"), FORMULA)),
-                        "how the frame of a port follows from that of another: `a to b: {turn: \"turn(n, phi)\"}`"),
+                        "the frame of a port, from the frame of another port: `a to b: {turn: \"turn(n, phi)\"}`"),
         "equations": _said("one equation per line, its name after #", {"type": "string"}),
         "when": _each(event, "events of the component"),
         "states": _each(state, "a state machine by its named states, the first one active at the start"),

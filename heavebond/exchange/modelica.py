@@ -1,8 +1,8 @@
 """Export of a diagram as a flat Modelica model: the equations of its components and nodes before any reduction.
 
-Each unknown is a variable with its unit and its value at the start, each equation stands with its text from the component,
-each event is a `when` clause. The other program selects the states, reduces the index and integrates, so that its results
-do not depend on the methods of this package. Modelica Association, Modelica Language Specification 3.6,
+Each unknown is a variable with its unit and its value at the start. Each equation has the text of its component as a
+comment. Each event is a `when` clause. The other program selects the states, reduces the index and integrates, so that its
+results do not depend on the methods of this package. Modelica Association, Modelica Language Specification 3.6,
 https://modelica.org.
 """
 
@@ -141,8 +141,8 @@ class _Begun:
 
 
 def _begun(assembly: Assembly) -> _Begun:
-    """The start of a run of a diagram with its events; its equations are those of the run, which fills nodes without
-    capacity if it fails without (see `run_by_auto`)."""
+    """The start of a run of a diagram with its events; its equations are the equations of the run, which fills nodes without
+    capacity if it fails otherwise (see `run_by_auto`)."""
     span, begin = np.array([assembly.begin, assembly.begin + AT_ONCE]), assembly.begin
     try:
         run = run_by_auto(Simulator(assembly, *(() if assembly.model.until else (AT_ONCE,)), solver="auto"))

@@ -1,8 +1,8 @@
 """Export of a diagram as a C program with a fixed step for real time: the program, its header and a runner.
 
-The program (`heavebond/c/real_time.c`) needs one block of memory of constant size and has a bound for the work of each step.
-Explicit methods therefore need equations x' = f(t, x, u); the implicit methods solve algebraic unknowns by the matrix that
-they factorise once in each step. The runner (`heavebond/c/runner.c`) is a POSIX program that calls it in real time.
+The program (`heavebond/c/real_time.c`) needs one block of memory of constant size, and the work of each step has a bound.
+Explicit methods therefore need equations x' = f(t, x, u). The implicit methods factorise one matrix in each step, which also
+gives the algebraic unknowns. The runner (`heavebond/c/runner.c`) is a POSIX program that calls the program in real time.
 """
 
 from __future__ import annotations
@@ -30,13 +30,12 @@ from heavebond.numerics.output_times import Time, largest_step_of, step_of
 class RealTimeConstants:
     """The constants of real-time programs.
 
-    unknowns: states and algebraic unknowns of the implicit methods at most. Origin: two matrices are on the stack, 1 MB
-        each. Doubled: 4 MB each, which is the usual stack of 8 MB.
-    spare: nodes of the ring buffer over the steps in the longest delay. Origin: each step may have a discontinuity, with
-        two nodes more. Doubled: twice the memory.
-    nodes: nodes of the ring buffer at most. Origin: 100 MB of memory with ten delayed variables. Doubled: twice.
-    same: difference between a period and a multiple of the step, as a share of the step, that counts as rounding. Origin:
-        rounding of decimal numbers is 1e-16 of them. Doubled: nothing measurable.
+    unknowns: largest number of states and algebraic unknowns for the implicit methods. Origin: two matrices of 1 MB each are
+        on the stack. Doubled: 4 MB each, which fill the usual stack of 8 MB. spare: nodes of the ring buffer for each step
+        of the longest delay. Origin: a step can contain a discontinuity, which adds two nodes. Doubled: twice the memory.
+        nodes: largest number of nodes of the ring buffer. Origin: 100 MB of memory with ten delayed variables. Doubled:
+        twice. same: difference between a period and a multiple of the step, relative to the step, that counts as rounding.
+        Origin: rounding of decimal numbers is 1e-16 of them. Doubled: nothing measurable.
     """
 
     unknowns: int = 350
@@ -52,7 +51,7 @@ MARK = "written by heavebond"  # in the first lines of header and runner
 
 def export_real_time(model: Model, path: str | Path, inputs: Iterable[str] = (), solver: str | None = None,
                      step: Time | None = None) -> Portable:
-    """Write a diagram as NAME.c, NAME.h and NAME_runner.c; the solver and the step are by default those of the diagram.
+    """Write a diagram as NAME.c, NAME.h and NAME_runner.c, by default with the solver and the step of the diagram.
 
     Raises UsageError for an unsuitable method or step, ModelError for a diagram that cannot be exported.
     """
@@ -146,14 +145,14 @@ def _periods(exported: Portable) -> Array:
 
 
 def notes(exported: Portable, solver: str | None, step: Time | None) -> list[str]:
-    """What a user should know about the step of an exported program: instants within steps, and an explicit method that is
-    unstable with this step at the start of the run."""
+    """Notes on the step of an exported program: events within steps, and an explicit method that is unstable with this step
+    at the start of the run."""
     model, found = exported.assembly.model, list[str]()
     method, length = _method(model, solver), step_of(model, step)
     parts = [event.name for event, period in zip(exported.events, _periods(exported).tolist(), strict=True)
              if event.period is not None and period > 0 and abs(period / length - round(period / length)) > REAL_TIME.same]
     if parts:
-        found.append(f"{listing(parts, 3)}: the period is not a multiple of the step; the instants divide steps")
+        found.append(f"{listing(parts, 3)}: the period is not a multiple of the step; its instants divide steps")
     if method in ("euler", "rk4") and exported.states:
         n = len(exported.states)
         matrix = np.array(exported.jacobian(*_start(exported))[0]).reshape(n, n)
@@ -164,7 +163,7 @@ def notes(exported: Portable, solver: str | None, step: Time | None) -> list[str
 
 
 def stability_limit(matrix: Array, fourth_order: bool, step: float) -> float | None:
-    """The longest step (s) with which no motion of x' = matrix x that decays grows instead, if the step is longer."""
+    """The longest step (s) with which each decaying motion of x' = matrix x decays; None if `step` is not longer."""
     eigenvalues = np.linalg.eigvals(matrix)
     eigenvalues = eigenvalues[eigenvalues.real < -1e-9 * np.abs(eigenvalues)]
 

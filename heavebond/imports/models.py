@@ -12,19 +12,19 @@ from heavebond.core.presentation import brief, count
 from heavebond.import_20sim.importer import Untranslated, import_20sim
 from heavebond.imports.urdf import import_urdf
 
-WANTED = "Name a 20-sim model, .emx, or the description of a robot, .urdf."
+WANTED = "Name a 20-sim model (.emx) or the description of a robot (.urdf)."
 CONVERT = {".xacro": "Expand the template first: xacro {0} -o {1}.urdf", ".sdf": "Export the robot as URDF first.",
            ".mjcf": "Export the robot as URDF first.", ".xml": "If its root element is <robot>, rename it to {1}.urdf.",
-           ".slx": "Simulink models are not read. An FMU exported by Simulink can be a part of a diagram.",
+           ".slx": "Simulink models cannot be imported. An FMU exported by Simulink can be a part of a diagram.",
            ".fmu": "An FMU needs no import: write `is: {0}` in a diagram.",
-           ".mo": "Modelica models are not read. An FMU exported from it can be a part of a diagram."}
+           ".mo": "Modelica models cannot be imported. An FMU exported from the model can be a part of a diagram."}
 
 
 @dataclass(frozen=True)
 class ImportedModel:
-    """The written files of an import, the diagram `path` first, and the constructs that are not translated; `left_over` are
-    components of an earlier import that are no longer part of the model, `placeholders` the files of components without a
-    law."""
+    """The result of an import: the diagram `path`, all written `files`, the diagram first, and the constructs that are not
+    translated. `left_over` are components of an earlier import that the model no longer contains; `placeholders` are the
+    files of components without a law."""
 
     path: Path
     files: tuple[Path, ...]
@@ -43,10 +43,10 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
     """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files, in a `folder`, by default
     named after the model.
 
-    `file` is the path of the model; nothing in it is executed. `functions` are C sources that replace functions of compiled
-    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses;
-    `libraries` .emx files, or folders of them, with submodels that the model only names; all of these are for 20-sim
-    models. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
+    `file` is the path of the model; nothing in it is executed. Three arguments are for 20-sim models: `functions` are C
+    sources that replace functions of compiled libraries, by the name of the function; `global_files` are other .emx files
+    with global parameters of the model; `libraries` are .emx files, or folders of them, with implementations that the model
+    does not contain. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
     reads the diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
     """
     file, global_files, libraries = Path(file), list(global_files), list(libraries)
@@ -57,7 +57,7 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
     if not file.is_file():
         raise UsageError([Problem("file", f"cannot find the file '{file}'")])
     if suffix == ".urdf" and (functions or global_files or libraries):
-        raise UsageError([Problem("import-option", "C sources, global parameters and libraries belong to 20-sim models",
+        raise UsageError([Problem("import-option", "C sources, global parameters and libraries are for 20-sim models only",
                                   None, "Leave out --function, --globals and --library for a .urdf file.")])
     imported = import_urdf(file) if suffix == ".urdf" else import_20sim(file, functions or {}, global_files, libraries)
     placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))

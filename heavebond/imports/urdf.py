@@ -119,7 +119,7 @@ class Robot:
         return [joint for joint in self.joints.values() if joint.parent == link]
 
     def in_order(self) -> list[Joint]:
-        """The joints from the root outwards, each branch to its end."""
+        """The joints in depth-first order from the root."""
         ordered, waiting = list[Joint](), self.below(self.root)[::-1]
         while waiting:
             joint = waiting.pop()
@@ -151,7 +151,7 @@ def cardan_angles(R: Array) -> Array:
 
 # -- the file ----------------------------------------------------------------------------------------------------------
 def read_xml(path: Path) -> Element:
-    """The root element of a file; raises ModelError for wrong XML, document types and entities, and beyond the limits."""
+    """The root element of a file; raises ModelError for wrong XML, document types, entities, and files above the limits."""
     if path.stat().st_size > MOST_BYTES:
         raise _wrong(path, 1, "urdf-size", f"'{path.name}' has more than {MOST_BYTES // 1_000_000} MB")
     parser, stack, roots = expat.ParserCreate(), list[Element](), list[Element]()
@@ -241,14 +241,14 @@ class _Reader:
                          "Correct ixx, iyy, izz and the products ixy, ixz, iyz. For a mass without extension, remove "
                          "`<inertia>`.")
         elif J.any() and principal[0] + principal[1] < principal[2]*(1 - PHYSICAL):
-            self.notes.append(Untranslated(name, line, "no body has this inertia tensor, whose largest principal moment "
-                                           "exceeds the sum of the others. Its values are used all the same"))
+            self.notes.append(Untranslated(name, line, "the largest principal moment of the inertia tensor exceeds the sum "
+                                           "of the others, which no rigid body has. The tensor is used as given"))
         J = R @ J @ R.T
         J[np.abs(J) < ROUNDING*np.abs(J).max(initial=0)] = 0
         return Link(name, element.line, max(m, 0.0), centre, J, tuple(self.shapes(element)))
 
     def shapes(self, link: Element) -> Iterator[Shape]:
-        """The visible shapes of a link that are no meshes."""
+        """The visible boxes, cylinders and spheres of a link; meshes are omitted."""
         for visual in link.all("visual"):
             geometry, origin = visual.first("geometry"), visual.first("origin")
             shift, angles = self.values(origin, "xyz", (0.0, 0.0, 0.0)), self.values(origin, "rpy", (0.0, 0.0, 0.0))
@@ -324,7 +324,7 @@ def read_urdf(path: Path) -> Robot:
         if not name or name in known:
             reader.problem("urdf-name", f"a {element.tag} has no name" if not name else
                            f"two {element.tag}s have the name '{name}'", element.line,
-                           f'Give each {element.tag} a name of its own, `<{element.tag} name="{name or "arm"}_2" ...>`.')
+                           f'Give each {element.tag} a different name, `<{element.tag} name="{name or "arm"}_2" ...>`.')
         elif element.tag == "link":
             links[name] = reader.link(element, name)
         elif (joint := reader.joint(element, name)) is not None:
@@ -361,7 +361,7 @@ def _inside(element: Element) -> list[Element]:
 
 
 def _check_tree(reader: _Reader, links: dict[str, Link], joints: dict[str, Joint]) -> None:
-    """Links and leaders exist; each link but one has exactly one parent, and the joints form a tree."""
+    """Check that links and leaders exist, that each link but one has exactly one parent, and that the joints form a tree."""
     parents: dict[str, Joint] = {}
     for joint in joints.values():
         for end in (joint.parent, joint.child):
@@ -408,15 +408,15 @@ def _check_tree(reader: _Reader, links: dict[str, Link], joints: dict[str, Joint
         waiting += [joint.child for joint in joints.values() if joint.parent == name]
     cyclic = [joint for joint in joints.values() if joint.child not in reached]
     if cyclic:
-        reader.problem("urdf-loop", f"the joints {listing([joint.name for joint in cyclic], 8)} form a loop, which no link "
-                       "without a parent leads to", cyclic[0].line,
+        reader.problem("urdf-loop", f"the joints {listing([joint.name for joint in cyclic], 8)} form a loop without a root "
+                       "link", cyclic[0].line,
                        "URDF describes trees. Remove one of these joints, import the file, and close the loop in the "
                        "diagram.")
 
 
 def _check_inertia(reader: _Reader, robot: Robot) -> None:
-    """Each joint moves a mass, and each turning one a moment of inertia about its axes; a joint that mimics another one
-    has the inertia of that one."""
+    """Check that each joint moves a mass, and each turning joint a moment of inertia about its axes. A joint with `mimic` is
+    not checked, because the transmission couples it to the inertia of its leader."""
     poses = start_poses(robot)
     for joint in robot.joints.values():
         if joint.kind == "fixed" or joint.mimic is not None:
@@ -448,10 +448,10 @@ def _check_inertia(reader: _Reader, robot: Robot) -> None:
 
 
 def coordinate(robot: Robot, joint: Joint) -> tuple[float, float]:
-    """The coordinate of a joint in the diagram at the start, and the offset that the coordinate of URDF has in addition.
+    """The coordinate of a joint in the diagram at the start, and the difference to the coordinate in URDF.
 
-    A joint starts at 0, or at the limit that is nearest to 0. If it mimics another one, q = k (q' + c') + c, its coordinate
-    is k times that of the other one, and its offset is k c' + c."""
+    A joint starts at 0, or at the limit nearest to 0. If it mimics a leader, q = k (q' + c') + c, where q' is the coordinate
+    of the leader in the diagram and c' its offset. The coordinate in the diagram is then k q', and the offset k c' + c."""
     if joint.mimic is None:
         return float(min(max(0.0, joint.limit.get("lower", -np.inf)), joint.limit.get("upper", np.inf))), 0.0
     leader, factor, offset = joint.mimic
@@ -491,7 +491,7 @@ class _Writer:
         self.held: dict[str, list[str]] = {"FixedShaft": [], "Fixed": []}
 
     def name(self, wanted: str, suffix: str = "") -> str:
-        """A free identifier; `suffix` is appended if the wanted one is taken."""
+        """An unused identifier; `suffix` is appended if the wanted identifier is taken."""
         plain = identifier(wanted)
         tries = [plain, *([f"{plain}_{suffix}"] if suffix else [])]
         k = 2
@@ -624,7 +624,7 @@ class _Writer:
         self.show += [(f"{child}.{axis}", "m") for axis in AXES]
 
     def planar(self, joint: Joint, base: str, child: str) -> None:
-        """A PlaneJoint whose z axis is the axis of the joint, between two links that turn to this axis and back."""
+        """A PlaneJoint between two links; the first turns its z axis to the axis of the joint, the second turns back."""
         part, n = self.part_of[joint.name], joint.axis
         lower, upper = base, child
         angles = np.array([0.0, np.arctan2(np.hypot(n[0], n[1]), n[2]), np.arctan2(n[1], n[0])])
@@ -645,7 +645,7 @@ class _Writer:
         self.show += [(f"{part}.{state}", unit) for state, unit in states[:3]]
 
     def drive(self, joint: Joint, base: str, child: str) -> None:
-        """A revolute, continuous or prismatic joint with what acts on its port d."""
+        """A revolute, continuous or prismatic joint with its motor, damper and friction at port d."""
         part, turning = self.part_of[joint.name], joint.kind in TURNING
         unit, force = ("rad", "N*m") if turning else ("m", "N")
         damping_unit = "N*m*s/rad" if turning else "N*s/m"
@@ -685,7 +685,7 @@ class _Writer:
         self.show.append((f"{part}.{position}", "deg" if turning else "m"))
 
     def couple(self, joint: Joint) -> None:
-        """The transmission between the drive of a joint that mimics another one and the drive of that one."""
+        """The transmission between the drive of a joint with `mimic` and the drive of its leader."""
         assert joint.mimic is not None
         leader, k, _ = joint.mimic
         other, part = self.robot.joints[leader], self.part_of[joint.name]

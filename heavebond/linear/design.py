@@ -1,10 +1,10 @@
 """Design of controllers on the linearised diagram: gains of a loop, filters, optimal state feedback with an observer.
 
 Gains. A loop that is cut at a signal is linear in the gains k of its controller, L = sum k_i L_i, where L_i is the loop with
-the gain i alone. Prescribed are the crossover w_c and the phase margin, L(j w_c) = exp(j (phase margin - pi)): two equations
-for a proportional gain with an integral or a derivative gain. With all three, the integral part at w_c is a tenth of the
-proportional part, T_i = 10/w_c. The loops L_i are those of the diagram, with its samples, holds and delays, so that no
-approximation by a continuous controller is made.
+the gain i alone. The crossover w_c and the phase margin are prescribed: L(j w_c) = exp(j (phase margin - pi)). These are two
+equations for a proportional gain with an integral or a derivative gain. With all three, the integral part at w_c is a tenth
+of the proportional part, T_i = 10/w_c. The loops L_i contain the samples, holds and delays of the diagram. The design
+therefore needs no approximation by a continuous controller.
 
 K. J. Astrom, T. Haegglund, Advanced PID Control, ISA 2006, chapter 7 (loop shaping); K. J. Astrom, R. M. Murray, Feedback
 Systems, 2nd ed., Princeton 2021, chapters 8 (observers) and 12 (loop shaping).
@@ -34,9 +34,9 @@ from heavebond.numerics.result import signal_expression
 HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
 FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
 BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
-LEAD, LAG = np.radians(75.0), np.radians(50.0)  # largest changes of the phase by a LeadLag: ratios 1/58 and 10
-ROUNDS = 20  # corrections of a compensator between samplers
-HORIZON = 30  # commands of a predictive controller at most: its equations grow with the third power
+LEAD, LAG = np.radians(75.0), np.radians(50.0)  # largest changes of the phase by a LeadLag (T_2/T_1 = 1/58 and 10)
+ROUNDS = 20  # largest number of corrections of a compensator between samplers
+HORIZON = 30  # largest horizon of a predictive controller, whose work grows with the third power
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
 def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], crossover: float | str | None,
               bandwidth: float | str | None, phase_margin: float | str | None, at: Time | None,
               points: Mapping[str, Mapping[str, float | str]] | None) -> LoopDesign:
-    """The design of gains, each of which is the value of the parameters that are `tied` to its name."""
+    """The design of gains; `tied` maps the name of each gain to the parameters with its value."""
     names = list(tied)
     _check_gains(names, crossover, bandwidth, phase_margin)
     margin = None if phase_margin is None else np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
@@ -224,8 +224,8 @@ def _closed_gain(loop: complex) -> float:
 
 
 def _crossover_for(bandwidth: float, loop_for: Callable[[float], complex]) -> float:
-    """The crossover in Hz with which |L/(1 + L)| is 1/sqrt(2) at the bandwidth, where L at the bandwidth is `loop_for` the
-    crossover."""
+    """The crossover in Hz for which |L/(1 + L)| is 1/sqrt(2) at the bandwidth; `loop_for` is L at the bandwidth as a
+    function of the crossover."""
     from scipy.optimize import brentq
 
     def excess(frequency: float) -> float:
@@ -398,12 +398,12 @@ def design_schedule(model: ModelOrFile, signal: str, block: str, free: Sequence[
                     ) -> ScheduleDesign:
     """A table of gains over a measured variable, from one design of gains at each of several operating points.
 
-    The `block` is a `ScheduledPID` in the loop through `signal`, with as many points as there are operating points.
-    `free` are its gains without their index, such as `["control.K_p", "control.K_i"]`. `over` is one parameter and its
-    values, each of which has an operating point: `{"load.m": ["1 kg", "4 kg"]}`. There the scheduling variable is read
-    and the gains are designed as by `design_gains`, with its `crossover`, `bandwidth`, `phase_margin` and `at`. The loop
-    with the table is checked at these points and halfway between neighbours. Raises UsageError as `design_gains`, for
-    another number of points, and if the scheduling variable does not differ between the operating points.
+    The `block` is a `ScheduledPID` in the loop through `signal`, with as many points as there are operating points. `free`
+    are its gains without their index, such as `["control.K_p", "control.K_i"]`. `over` is one parameter and its values,
+    which are the operating points: `{"load.m": ["1 kg", "4 kg"]}`. At each of them the scheduling variable is read and the
+    gains are designed as by `design_gains`, with its `crossover`, `bandwidth`, `phase_margin` and `at`. The loop with the
+    table is checked at these points and halfway between neighbours. Raises UsageError as `design_gains`, for another number
+    of points, and if the scheduling variable does not differ between the operating points.
     """
     diagram = loaded(model)
     plain = StateSpaces(diagram, [], [], at).points.assembly
@@ -459,7 +459,7 @@ def design_schedule(model: ModelOrFile, signal: str, block: str, free: Sequence[
 
 
 def _loops_through(diagram: Model, signal: str, block: str, names: Sequence[str], kind: str, at: Time | None) -> StateSpaces:
-    """The loop through a signal, for values of the parameters `names` of a block; UsageError for a block without these."""
+    """The loop through a signal as a function of the parameters `names` of a block; UsageError for a block without these."""
     state_spaces = loops(diagram, signal, at)
     known = state_spaces.points.assembly.parameter_values
     if any(name not in known for name in names):
@@ -577,8 +577,8 @@ def lqg(plant: tuple[Array, Array, Array], weights: tuple[Array, Array], noise: 
 
     `weights` (Q, R) are the weights of x' Q x + u' R u, `noise` (W, V) the intensities of the process noise in x' and of the
     noise of y, `states` the names of x. With a `period` in s the plant is x[k+1] = A x[k] + B u[k] and the four matrices are
-    those of a sample; the filter predicts, so that u[k] follows from y up to k - 1. Raises UsageError if a Riccati equation
-    has no stabilising solution.
+    for a sample. The filter predicts: u[k] is a function of y up to k - 1. Raises UsageError if a Riccati equation has no
+    stabilising solution.
     """
     from scipy.linalg import solve_continuous_are, solve_discrete_are
 
@@ -643,12 +643,12 @@ def design_mpc(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
                ) -> PredictiveDesign:
     """A model predictive controller for a `PredictiveController` of a diagram, from the linearised machine without it.
 
-    Regulator and Kalman filter are those of `design_lqg`, with the same arguments `weigh`, `effort` (of one output),
-    `disturbances`, `noise` and `at`. With the gain K and the Riccati matrix P of the regulator, the cost of any commands
-    is x' P x + (R + B' P B) sum v[k]^2 with v[k] = u[k] + K x[k] (Rawlings, Mayne, Diehl, Model Predictive Control, 2017,
-    section 1.3). The `horizon` is the number of commands whose limits are kept; behind it the regulator has none. Without
-    an active limit the command is that of the regulator. Raises UsageError as `design_lqg`, and for a horizon outside 1
-    to 30.
+    Regulator and Kalman filter are designed as by `design_lqg`, with the same arguments `weigh`, `effort` (of one output),
+    `disturbances`, `noise` and `at`. With the gain K and the Riccati matrix P of the regulator, the cost of any commands is
+    x' P x + (R + B' P B) sum v[k]^2 with v[k] = u[k] + K x[k] (Rawlings, Mayne, Diehl, Model Predictive Control, 2017,
+    section 1.3). The `horizon` is the number of commands within the limits; after the horizon the regulator continues
+    without limits. Without an active limit the command is the command of the regulator. Raises UsageError as `design_lqg`,
+    and for a horizon outside 1 to 30.
     """
     if not 1 <= horizon <= HORIZON:
         raise UsageError([Problem("design-horizon", f"the horizon has {count(horizon, 'command')}; 1 to {HORIZON} are "
@@ -717,7 +717,7 @@ def _regulated(model: ModelOrFile, block: str, through: tuple[str, str], weigh: 
             slow = [name for name, share in zip(states, vector, strict=True) if share > 0.1 * vector.max()]
             raise UsageError([Problem("design-not-decaying", f"the {role} has a pole that does not decay, with "
                                       f"{listing(slow)}", None, f"Add {option} for a signal that " + (
-                                          "contains it: what is not weighed is not controlled." if option == "--weigh" else
+                                          "contains it: the regulator ignores other variables." if option == "--weigh" else
                                           "acts on it: without a disturbance the filter does not correct it."))])
     return controller, (a, b[:, :m], c[:k])
 

@@ -1,13 +1,13 @@
 """Integration of an FMU for model exchange between two communication points.
 
-The FMU gives x' = f(t, x) for the inputs and discrete states that it has, and event indicators z(t, x). LSODA integrates x
-with an error control (A. C. Hindmarsh, ODEPACK, 1983; L. Petzold, doi:10.1137/0904010): it changes between Adams methods
-and, for stiff equations, BDF. After a restart it may fail to recognise stiff equations; if it takes very many steps, another
-BDF method continues (L. F. Shampine, M. W. Reichelt, doi:10.1137/S1064827594276424).
+The FMU computes x' = f(t, x) and event indicators z(t, x) for its present inputs and discrete states. LSODA integrates x
+with error control (A. C. Hindmarsh, ODEPACK, 1983; L. Petzold, doi:10.1137/0904010). It changes between Adams methods and,
+for stiff equations, BDF. After a restart it may not recognise stiff equations. If it takes very many steps, another BDF
+method continues (L. F. Shampine, M. W. Reichelt, doi:10.1137/S1064827594276424).
 
-An event occurs if the sign of an indicator (z > 0) changes within a step, at an instant that the FMU has stated before, or
-if the FMU requests it at the end of a step. A sign change is located by bisection of the interpolated step. At an event the
-FMU updates its discrete states until it needs no further update; it may set x, and the nominal sizes of x. Modelica
+An event occurs if the sign of an indicator (z > 0) changes within a step, at an instant that the FMU has announced, or if
+the FMU requests it at the end of a step. A sign change is located by bisection of the interpolated step. At an event the FMU
+updates its discrete states until it needs no further update; it may also set x and the nominal sizes of x. Modelica
 Association, Functional Mock-up Interface Specification 2.0.4, 3.2, and 3.0.1, 3.
 """
 
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 RTOL = 1e-9  # relative, and absolute in nominal sizes of the states
-SAME = 1e-12  # share of the time within which two instants are one
-MOST_UPDATES = 1000  # of the discrete states at one instant
-MOST_STEPS = 5000  # of LSODA between two events; a later step and all further ones are by BDF
-MOST_EVENTS = 10_000  # between two communication points
-SHORTER, MOST_REFUSED = 10.0, 8  # a step where the FMU has no derivatives is repeated with shorter steps
+SAME = 1e-12  # difference of equal instants, relative to the time
+MOST_UPDATES = 1000  # largest number of updates of the discrete states at one instant
+MOST_STEPS = 5000  # largest number of steps of LSODA between two events; BDF makes all further steps
+MOST_EVENTS = 10_000  # largest number of events between two communication points
+SHORTER, MOST_REFUSED = 10.0, 8  # if the FMU has no derivatives in a step, it is repeated with shorter steps
 DISCARD = 2  # the status of a call that the FMU refuses at this point
 
 
@@ -40,7 +40,7 @@ class ModelExchange:
 
     def __init__(self, instance: Any, version: str, states: int, indicators: int):
         self.instance, self._three = instance, version.startswith("3")
-        self.events = 0  # after the initialisation
+        self.events = 0  # number of events after the initialisation
         self.ended = False  # the FMU requests the end of the run
         self._n, self._stiff = (states, indicators), False
 
@@ -58,7 +58,7 @@ class ModelExchange:
         self._update_discrete_states(first=True)
 
     def change_inputs(self, set_inputs: Callable[[], None]) -> None:
-        """Event at which the inputs change."""
+        """Change the inputs by an event."""
         if not self.ended:
             self.instance.enterEventMode()
             set_inputs()
@@ -167,7 +167,7 @@ class ModelExchange:
         return False
 
     def _accepted(self, end: float, state: Array, interpolated: Callable[[], Callable[[float], Array]]) -> bool:
-        """Go to the end of a step, or to the first change of sign within it; True for an event."""
+        """Advance to the end of a step, or to the first change of sign within it; True for an event."""
         begin = self.time
         self._place(end, state)
         happened = self._changed()
@@ -184,5 +184,5 @@ class ModelExchange:
         return happened or bool(requested)
 
     def _changed(self) -> bool:
-        """Whether the sign of an indicator differs from its sign after the last event."""
+        """True if the sign of an indicator differs from its sign after the last event."""
         return bool(np.any((self._indicators() > 0) != self._signs))

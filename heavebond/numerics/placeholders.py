@@ -1,8 +1,9 @@
 """The signals of a diagram that depend on a part without a law (`placeholder:`).
 
-The unknowns at the ports of a placeholder depend on it, and so do the states and algebraic unknowns of which they are
-functions: its law would determine a flow into them. From there the dependence follows the equations: the derivative of a
-state, the unknowns of an algebraic equation, the variables that an event sets, and the source of a delayed variable.
+The unknowns at the ports of a placeholder depend on it. The states and algebraic unknowns in the expressions of these
+unknowns depend on it, too, because the missing law would determine a flow into them. The dependence then propagates through
+the equations: from the right-hand side to its state, within an algebraic equation, from an event to the variables that it
+sets, and from the source to its delayed variable.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def lawless_parts(assembly: Assembly) -> tuple[str, ...]:
 
 
 def depends_on_placeholder(assembly: Assembly, signals: Iterable[ca.SX]) -> tuple[bool, ...]:
-    """Whether each of some signals in the arguments of an assembly depends on a part without a law."""
+    """For each signal in the arguments of an assembly: True if it depends on a part without a law."""
     if not lawless_parts(assembly):
         return tuple(False for _ in signals)
     affected = assembly.once("dependent on placeholders", lambda: _affected(assembly))
@@ -44,7 +45,7 @@ def _affected(assembly: Assembly) -> set[int]:
         for name, number in flat.names.items():
             if name.startswith(f"{path}.") and re.split(r"[.\[]", name.removeprefix(f"{path}."))[0] in ports:
                 affected |= _symbols(assembly.express(flat.levels[0][number])) - never
-    # what determines each argument: the symbols on the right-hand side
+    # the cause of each argument: the symbols on its right-hand side
     causes: list[tuple[set[int], set[int]]] = []  # symbols, and the arguments that depend on each of them
     causes += [(_symbols(right), {state.element_hash()}) for state, right in
                zip(split(x), split(assembly.ode), strict=True)]

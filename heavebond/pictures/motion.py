@@ -228,13 +228,13 @@ def check_view(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping
             if key == "scale" and vector is not None:
                 wanted, noun = times(vector, METRE, -1), "the size of the vector over a length"
             if dimension_found is not None and wanted is not None and dimension_found != wanted:
-                problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
+                problems.add("view-unit", f"`{key}` of '{shape.name}' must be {noun}; '{formula.text}' is not",
                              formula.place,
                              hint=f"Write for example `{key}: {EXAMPLES[key]}`."
                              if shape.spatial and key in EXAMPLES else "Write for example `crown.x + 12 m`.")
             moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
             if moving and _has_derivative(formula.tree):
-                problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "
+                problems.add("view-der", f"'{formula.text}' takes the derivative of a position that is not a variable of "
                                          f"the diagram", formula.place, hint=f"Write the rate by its name: "
                                                                              f"{listing(moving)}.")
     problems.raise_as(ModelError)

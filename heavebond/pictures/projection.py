@@ -1,4 +1,4 @@
-"""Solids of a machine in space as flat polygons of a perspective picture, the farthest first."""
+"""Perspective pictures of machines in space: the solids as flat polygons, sorted from the farthest to the nearest."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from heavebond.numerics.dae import Array
 from heavebond.pictures.space import AREAS, SOLIDS, Solid, rotated, to_axis
 
 ROUND, BALL, TURNS, STEPS = 20, 14, 8, 12  # corners of a circle and of a ball, coils of a spring, corners of a coil
-DISTANCE = 3.2  # of the camera from the middle, relative to the radius of the scene
+DISTANCE = 3.2  # distance of the camera from the middle, relative to the radius of the scene
 LIGHT = np.array([0.35, -0.55, 0.76])  # direction to the lamp
-PARTS = 5  # of an edge of a box, at most
-CELLS = 10  # squares along an edge of the ground, at most
-NEARER = 0.012  # by which lines are painted before faces of the same depth, relative to the radius of the scene
+PARTS = 5  # largest number of parts of an edge of a box
+CELLS = 10  # largest number of squares along an edge of the ground
+NEARER = 0.012  # reduction of the depth of lines, relative to the radius of the scene: they cover faces of equal depth
 BORDER = 0.8  # width in points of the edges of a box
-SEAM = 0.3  # width in points of the edge of a face in its own colour, which closes the seam to the next
+SEAM = 0.3  # width in points of the edge of a face in the colour of the face; it covers the gap to the next face
 
 
 class Piece(NamedTuple):
-    """A face or a line of a solid: its corners (m, 3) in m, how it is drawn, and the width of its edge in points, 0 for
-    none.
+    """A face or a line of a solid: its corners (m, 3) in m, its `look`, and the width of its edge in points (0: no edge).
 
-    `inside` is a point of the convex body of the face; faces that look away are hidden. `borders` are the corners at which
-    the edges begin that are drawn with a face of which the other edges are not.
+    `inside` is a point of the convex body of the face; it determines the outer side of the face, and faces whose outer side
+    is not visible are hidden. `borders` are the first corners of the edges that are drawn separately.
     """
 
     corners: Array
@@ -43,7 +42,7 @@ Colour = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Polygon:
-    """A polygon (m, 2), or a line without `face`, in the picture, with its colours and the width of its edge in points."""
+    """A polygon (m, 2) in the picture, or a line if `face` is None, with its colours and the width of its edge in points."""
 
     corners: Array
     face: Colour | None
@@ -52,7 +51,7 @@ class Polygon:
 
 
 class _Paint(NamedTuple):
-    """A polygon (m, 3) in m with its depth and its look in the picture."""
+    """A polygon (m, 3) in m with its depth, its colours and the width of its edge in the picture."""
 
     corners: Array
     depth: float
@@ -72,14 +71,14 @@ class Camera:
 
     @property
     def axes(self) -> Array:
-        """To the right, upwards and back to the camera, (3, 3)."""
+        """The unit vectors to the right, upwards and towards the camera, (3, 3)."""
         a, e = self.azimuth, self.elevation
         back = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         return np.array([right, np.cross(back, right), back])
 
     def seen(self, points: Array) -> Array:
-        """x and y in the picture, in radii of the scene, and the depth of points (m, 3)."""
+        """Points (m, 3) in the picture: x and y in radii of the scene, and the depth."""
         local = (points - self.middle) @ self.axes.T / self.radius
         depth = np.maximum(DISTANCE - local[:, 2], 1e-3)
         return np.column_stack([local[:, :2] * (DISTANCE / depth)[:, None], depth])
@@ -87,14 +86,14 @@ class Camera:
 
 def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
              colours: dict[str, tuple[str, str, str]]) -> list[Polygon]:
-    """All solids at frame k, in the order in which they are painted: what is behind a level, the level, what is before
-    it; each from the farthest to the nearest."""
+    """The polygons of all solids at frame k in drawing order: the polygons behind a level, the level, the polygons in front
+    of it. Both groups are sorted from the farthest to the nearest."""
     eye = camera.middle + DISTANCE * camera.radius * camera.axes[2]
     water = next((float(solid.courses["at"][2, k]) for solid in solids if solid.kind == "level"), None)
     owned = [(piece, solid.colour) for solid in solids for piece in _pieces(solid, k, times)]
     if not owned:
         return []
-    # the faces that look to the camera, and their brightness
+    # the faces whose outer side is visible, and their brightness
     flat = np.array([piece.look in ("full", "soft", "dark") for piece, _ in owned])
     first = np.array([piece.corners[:3] if i else np.zeros((3, 3)) for (piece, _), i in zip(owned, flat, strict=True)])
     normal, towards = np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), eye - first[:, 0]
@@ -123,7 +122,7 @@ def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
             paints.append(_Paint(piece.corners, depths[i], lit, edge if piece.width else lit, piece.width or SEAM))
             paints += [_Paint(piece.corners[[j, (j + 1) % len(piece.corners)]], depths[i] - 1e-6, None, edge, BORDER)
                        for j in piece.borders]
-    # in parts before and behind a level, from the farthest to the nearest
+    # divided by the level, from the farthest to the nearest
     parts = paints if water is None else [paint._replace(corners=part) for paint in paints for side in (-1.0, 1.0)
                                           if len(part := _cut(paint.corners, water, side)) > 1]
     if not parts:
@@ -255,7 +254,7 @@ def cell_size(width: float) -> float:
 
 
 def _box(size: Array) -> list[Piece]:
-    """Faces in parts of about the same length, so that the order of their depths is right beside other solids."""
+    """The faces of a box, divided into parts of similar length, so that their depths sort correctly among other solids."""
     found: list[Piece] = []
     parts = np.clip(np.round(size / max(float(np.median(size)), 0.2 * float(size.max()))), 1, PARTS).astype(int)
     steps = [np.linspace(-0.5, 0.5, n + 1) for n in parts]
@@ -277,7 +276,7 @@ def _disc() -> list[Piece]:
     ring = 0.5 * np.array([np.cos(angle), np.sin(angle)]).T
     low, high = (np.column_stack([ring, np.full(ROUND, z)]) for z in (-0.5, 0.5))
     sides = [Piece(np.array([low[j - 1], low[j], high[j], high[j - 1]]), "full", 0.0, inside) for j in range(ROUND)]
-    # from the middle along a spoke, which shows how the disc turns, and around
+    # each cap begins in the middle, along a spoke that shows the rotation of the disc, and continues around
     caps = [np.vstack([[0.0, 0.0, z], ring, ring[:1]]) for z, ring in ((-0.5, low), (0.5, high))]
     return [*sides, *(Piece(cap, "full", 0.7, inside) for cap in caps)]
 

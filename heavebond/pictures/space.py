@@ -2,7 +2,7 @@
 
 A solid (box, sphere, disc, mesh) is a body of unit size that is scaled by its `size`, turned by the unit quaternion `turn`
 and moved to `at`. A bar (beam, line, spring, damper, cylinder, arrow) lies along the line `from` one point `to` another.
-Lengths that a view does not give are relative to the extent of the machine.
+Default lengths are relative to the extent of the machine.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ MESHES, MOST_TRIANGLES = (".stl", ".obj"), 50_000
 SOLIDS, AREAS = ("box", "sphere", "disc", "mesh"), ("ground", "level")
 BARS = ("beam", "line", "spring", "damper", "cylinder", "arrow")
 THICK = 0.022  # default width of a bar relative to the extent of the machine
-LONGEST = 0.25  # default length of the longest arrow of a shape, relative to the same
+LONGEST = 0.25  # default length of the longest arrow of a shape, relative to the extent
 BEYOND, SEA = 1.3, 2.5  # widths of the default ground and of a level relative to the extent
 CAMERA = (np.radians(-55.0), np.radians(22.0))  # default azimuth and elevation of the camera in rad
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A shape in space over time, its lengths in m: `courses` contains (k, n) for each of `at`, `from` and `to` (points of
-    the fixed frame), `turn` (a unit quaternion), `size`, `width`, `length` and `duration` (in s). `faces` are the corners
-    (m, 3) and the triangles of a mesh (f, 3)."""
+    """A shape in space over time. `courses` contains time series (k, n), in m and s, of `at`, `from` and `to` (points of the
+    fixed frame), `turn` (a unit quaternion), `size`, `width`, `length` and `duration`. `faces` are the corners (m, 3) and
+    the triangles (f, 3) of a mesh."""
 
     name: str
     kind: str
@@ -45,7 +45,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Scene:
-    """Solids in drawing order, the lowest and the highest x, y and z that they reach in m, and the azimuth and the elevation
+    """Solids in drawing order, the smallest and the largest x, y and z of all solids in m, and the azimuth and the elevation
     of the camera in rad."""
 
     solids: tuple[Solid, ...]
@@ -54,7 +54,7 @@ class Scene:
 
 
 def default_view(assembly: Assembly) -> dict[str, ViewShape]:
-    """The shapes that the components of a diagram declare; empty if no part has any."""
+    """The default shapes that the components of a diagram declare; empty if no component has shapes."""
     shapes = [shape.placed(path, leaf.component) for path, leaf in assembly.flat.expanded.leaves.items()
               for shape in leaf.component.view.values()]
     return {shape.name: shape for shape in shapes}
@@ -85,7 +85,7 @@ def _in_the_plane(shape: ViewShape) -> Problem:
         return Problem("view-space", f"'{shape.name}': {article(shape.kind)} is a shape in space, and this diagram has no "
                        "frames of the domain spatial", shape.place, "Machines in space have bodies of the library "
                        "`spatial`; see `heavebond library spatial`.")
-    return Problem("view-pair", f"`{key}` of a {shape.kind} is two lengths", point.place,
+    return Problem("view-pair", f"`{key}` of a {shape.kind} needs two lengths", point.place,
                    f"Write for example `{key}: [0, crown.x]`.")
 
 
@@ -121,10 +121,10 @@ def _add_frame_problem(point: Point, frames: list[str], assembly: Assembly, prob
     ports = [frame for frame in frames if frame.rpartition(".")[0] == name]
     domain = flat.domains.get(name) if name in flat.expanded.junctions else None
     if domain is not None:
-        message, hint = f"'{name}' is a node of the domain {domain.name}; a point in space is one of the domain spatial", \
-            f"Nodes: {listing(nodes)}."
+        message, hint = f"'{name}' is a node of the domain {domain.name}; a point in space needs a node of the " \
+            "domain spatial", f"Nodes: {listing(nodes)}."
     elif ports:
-        message, hint = f"'{name}' is a part; a point in space is a node or a port", f"Write {listing(ports, 4)}."
+        message, hint = f"'{name}' is a part; a point in space needs a node or a port", f"Write {listing(ports, 4)}."
     else:
         message, hint = f"no node or port of the domain spatial is called '{name}'", \
             (f"Write `{owner}`." if owner in frames else
@@ -153,7 +153,7 @@ def _elements(shape: ViewShape, key: str, part: tuple[Formula, ...], assembly: A
 
     elements = tuple(renamed(formula, partial(element, k)) for k in range(3))
     if len({e.text for e in elements}) == 1 and all(is_known(name.text) for name in names(formula.tree)):
-        problems.add("view-triple", f"`{key}` of '{shape.name}' is three values", formula.place,
+        problems.add("view-triple", f"`{key}` of '{shape.name}' needs three values", formula.place,
                      hint=f"Write for example `{key}: {EXAMPLES[key]}`"
                           f"{', or the vector of a port, `-rope.b.F`' if key == 'vector' else ''}.")
     return elements
@@ -215,7 +215,7 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
 
 
 def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> dict[str, Array]:
-    """The time series of a shape with the lengths that the view does not give."""
+    """The time series of a shape, completed by default lengths."""
     thick = np.full((1, n), THICK * extent)
     if kind in BARS and kind != "arrow":
         length = np.linalg.norm(course["to"] - course["from"], axis=0)
@@ -257,7 +257,7 @@ def _mesh(file: Path, shape: ViewShape) -> tuple[Array, Array]:
         raise UsageError([Problem("file-suffix", f"'{file.name}' is not a mesh", shape.place,
                                   f"Give a file that ends in {' or '.join(MESHES)}.")])
     if not file.is_file():
-        raise UsageError([Problem("file-missing", f"there is no file '{file}'", shape.place,
+        raise UsageError([Problem("file-missing", f"cannot find the file '{file}'", shape.place,
                                   "The path is relative to the folder of the diagram.")])
     try:
         import trimesh
@@ -272,7 +272,7 @@ def _mesh(file: Path, shape: ViewShape) -> tuple[Array, Array]:
     if not len(triangles) or not np.isfinite(corners).all():
         raise UsageError([Problem("mesh-unreadable", f"'{file.name}' contains no triangles", shape.place)])
     if len(triangles) > MOST_TRIANGLES:
-        raise UsageError([Problem("mesh-large", f"'{file.name}' has {len(triangles)} triangles; a page has room for "
+        raise UsageError([Problem("mesh-large", f"'{file.name}' has {len(triangles)} triangles; the most is "
                                   f"{MOST_TRIANGLES}", shape.place, "Simplify the mesh in the program that wrote it.")])
     return corners, triangles
 
