@@ -369,8 +369,8 @@ def _of_signals(assembly: Assembly, name: str) -> bool:
 
 
 def crossing(score: Callable[[float], float], up: bool) -> float | None:
-    """The factor, above or below 1, at which a score changes its sign; None if it does not within a factor of 100, or has no
-    value on the way."""
+    """The factor, above or below 1, at which a score changes its sign; None if it keeps its sign within a factor of 100, or if it
+    has no value before that factor."""
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)
@@ -382,7 +382,7 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
         if (score_here < 0) != (first < 0):
             try:
                 return float(brentq(score, near, far, xtol=1e-4))
-            except ValueError:  # no score at a factor between, as the machine finds no rest there
+            except ValueError:  # no score at a factor in between: the machine has no operating point
                 return None
         near = far
     return None
