@@ -1,13 +1,13 @@
 """Describing functions of dry friction for linearisation: its slope at rest, over a motion, and while it slides.
 
-Near rest a friction law F(v) is a damper far stiffer than any damper of the machine. Over a motion it acts like a damper
-of smaller slope, its describing function. Over a motion of large amplitude the slope is that of the sliding law, zero except
-for viscous parts. A share of the slope at rest is obtained by widening the transition of the law around rest (a `width` in
-the unit of a speed), without another change; laws without such a width declare the values that make them slide (`sliding`).
+Near rest a friction law F(v) is a damper far stiffer than any damper of the machine. Over a motion it acts like a damper of
+smaller slope, its describing function. At large amplitudes the slope is the slope of the sliding law, zero except for
+viscous parts. A share of the slope at rest is obtained by widening the transition of the law around rest (a `width` in the
+unit of a speed), without another change; laws without such a width declare the values that make them slide (`sliding`).
 
-The slope over a run is that of the damper with the same dissipation, <F v>/<v**2>: for a sinusoidal motion the describing
-function at its amplitude, for any other the best linear estimate of the force. A. Gelb, W. E. Vander Velde, Multiple-input
-describing functions and nonlinear system design, McGraw-Hill 1968, sections 1.5 and 2.3.
+The slope over a run is the coefficient of the damper with the same dissipation, <F v>/<v**2>. For a sinusoidal motion this
+is the describing function at its amplitude, for other motions the best linear estimate of the force. A. Gelb, W. E. Vander
+Velde, Multiple-input describing functions and nonlinear system design, McGraw-Hill 1968, sections 1.5 and 2.3.
 """
 
 from __future__ import annotations

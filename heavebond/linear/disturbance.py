@@ -84,7 +84,7 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
 
 def freed(flat: Flat, names: Iterable[str], interpolation: str) -> Flat:
     """The flat model in which the law of each named signal is replaced by an input of that name, the last of its inputs.
-    UsageError for a name that is not a signal with a law of its own."""
+    UsageError for a name that is not a signal with a separate law."""
     problems, residuals, inputs = Problems(), list(flat.residuals), list(flat.inputs)
     signals = {n: k for n, k in flat.names.items() if flat.unknowns[k].role == "signal"}
     for name in names:
@@ -101,7 +101,7 @@ def freed(flat: Flat, names: Iterable[str], interpolation: str) -> Flat:
             rows = [k for k, e in enumerate(flat.equations) for owner, _, port in (n.rpartition(".") for n in ports)
                     if e.owner == owner and e.text.partition("=")[0].strip() == port]
         if len(rows) != 1:
-            problems.add("signal-not-free", f"'{name}' does not have one equation of its own, which a free input could "
+            problems.add("signal-not-free", f"'{name}' is not determined by a single equation that a free input could "
                          "replace", hint="Put a Gain of 1 into that wire, and name its output.")
             continue
         unit, symbols = flat.unknowns[unknown].unit, ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
@@ -113,7 +113,8 @@ def freed(flat: Flat, names: Iterable[str], interpolation: str) -> Flat:
 
 
 def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
-    """The measured inputs of a disturbed model on [begin, end]: those of its records, and the last `added` ones at zero."""
+    """The measured inputs of a disturbed model on [begin, end]: the inputs of its records, and the last `added` inputs at
+    zero."""
     records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), begin, end)
     if not records.columns.size:
         return Pieced(np.array([begin, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))

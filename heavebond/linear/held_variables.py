@@ -434,7 +434,7 @@ class HeldStructure:
     @cached_property
     def means(self) -> dict[int, ca.SX]:
         """The new values of quantisers by the number of the update, with a gain of 1 in place of the rounding. A quantiser
-        rounds signals of other parts; a pseudorandom number, whose generator rounds its own state, is not a quantiser."""
+        rounds signals of other parts. The generator of a pseudorandom number, which rounds its state, is not a quantiser."""
         held, mean_values = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int,
                                                                                                                  ca.SX]()
         for row, (i, reset) in enumerate(self.updates):

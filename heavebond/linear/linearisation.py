@@ -297,7 +297,8 @@ class ModesAtStart:
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
         """d s / d p (m,) for named parameters, including the change of the start; zero for a multiple eigenvalue. `at` is
-        the linearised point, if its parameters differ from those of the start. A sampled system has central differences."""
+        the linearised point, if its parameters differ from the parameters of the start. A sampled system has central
+        differences."""
         if mode.z is not None:
             return self._differences(first, mode, names, at or self.point(first))
         assembly, n_x = self.assembly, len(first.x)

@@ -78,7 +78,7 @@ def modal_slope(number: str, mode: Mode, derivative: NDArray[np.complex128]) -> 
 
 class ModalNumbers:
     """Numbers of the modes of an assembly, with changed settings if needed, and their derivatives by the named parameters;
-    those of the last parameters are cached."""
+    the results for the last parameters are cached."""
 
     def __init__(self, assembly: Assembly, settings: Mapping[str, float | str], named: Sequence[str]):
         self.names, self.settings = assembly.parameter_names, settings

@@ -76,8 +76,8 @@ class OperatingPoints:
             if self.time != self.begin else None
 
     def _fill(self) -> None:
-        """Fill nodes if there is no operating point without it; other errors are raised by `at`, as they may not occur with
-        other parameters."""
+        """Fill nodes if there is no operating point without it; other errors are raised by `at`, because they may be absent
+        with other parameters."""
         before = self.assembly.model
         try:
             if self._simulator is None:

@@ -263,13 +263,13 @@ class Loop:
 @dataclass(frozen=True)
 class Stability:
     """The stability of a tuned machine. `decided` is the basis of the verdict: `equilibrium`, `periodic run` or `` (not
-    decided); `stable` is None if it is not decided. `damping` is the least damping ratio as modelled, `sliding` the one with
-    sliding dry friction and `in_case` the one with the slopes of the case (None without dry friction); `slowest` the
-    frequency (Hz) and damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of
-    those at rest, between which the machine is unstable, which need not include those of the case; `marginal` the number of
-    free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the least
-    stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that make the stability
-    undecided, and `held` all of them with their treatment."""
+    decided); `stable` is None if it is not decided. `damping` is the least damping ratio as modelled, `sliding` the least
+    damping ratio with sliding dry friction, and `in_case` the least damping ratio with the slopes of the case (None without
+    dry friction); `slowest` the frequency (Hz) and damping ratio of the slowest mode that oscillates; `shares` the slopes of
+    dry friction, as shares of those at rest, between which the machine is unstable, which need not include those of the
+    case; `marginal` the number of free bodies and integrators; `boundary` the factors by which each free parameter may fall
+    and grow; `case` the least stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that
+    make the stability undecided, and `held` all of them with their treatment."""
 
     decided: str
     stable: bool | None
@@ -369,8 +369,8 @@ def _of_signals(assembly: Assembly, name: str) -> bool:
 
 
 def crossing(score: Callable[[float], float], up: bool) -> float | None:
-    """The factor, above or below 1, at which a score changes its sign; None if it keeps its sign within a factor of 100, or if it
-    has no value before that factor."""
+    """The factor, above or below 1, at which a score changes its sign; None if it keeps its sign within a factor of 100, or
+    if it has no value before that factor."""
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)

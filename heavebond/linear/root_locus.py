@@ -68,9 +68,9 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
                ) -> RootLocus:
     """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
 
-    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s, those of sampled systems log(z)/T.
-    `model` is linearised at the operating point `at`, as by `state_space`. Raises UsageError for an unknown parameter, a
-    span in another unit, or if fewer than two values have an operating point.
+    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s; for sampled systems they are
+    log(z)/T. `model` is linearised at the operating point `at`, as by `state_space`. Raises UsageError for an unknown
+    parameter, a span in another unit, or if fewer than two values have an operating point.
     """
     span = si_range(span, parameter)
     operating = OperatingPoints(loaded(model), at)

@@ -13,7 +13,7 @@ Yang, ARPACK Users' Guide, SIAM 1998) finds
 
 Each estimate is refined by two-sided inverse iteration with a shift next to it (A. M. Ostrowski, Arch. Rational Mech.
 Anal. 3 (1959) 325-340, doi:10.1007/BF00284184), which gives both vectors and the bound of its rounding delta |l|^T |J| |v| /
-|l^H M v|, where the entries of J are known to a share delta: a mode with |Re s| below it does not grow, and one with |s|
+|l^H M v|, for entries of J with a relative error delta: a mode with |Re s| below it does not grow, and one with |s|
 below it is free.
 
 A group of equal eigenvalues (parts of one kind that do not act on each other) may be found fewer times than it occurs.

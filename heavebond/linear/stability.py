@@ -5,12 +5,12 @@ integrator. It is mostly double (position and velocity of a free body) with one 
 eigenvalues then gives two numbers of the size sqrt(rounding) |A| anywhere around zero. The zeros are therefore separated
 first:
 
-1. A is split into the diagonal blocks of its strongly connected states; its eigenvalues are the eigenvalues of the
-   blocks, and a stiff block does not affect the accuracy of another.
-2. Each block is balanced (E. E. Osborne; B. N. Parlett, C. Reinsch, doi:10.1007/BF02165404).
-3. Its null vectors are split off by an orthogonal change of coordinates, A -> [[0, *], [0, A_1]], then those of A_1,
-   until a regular matrix remains (the staircase for the Jordan chains of one eigenvalue: V. N. Kublanovskaya 1966; G. H.
-   Golub, J. H. Wilkinson, SIAM Review 18 (1976) 578-619, doi:10.1137/1018113). Its eigenvalues are well determined.
+1. A is split into the diagonal blocks of its strongly connected states; its eigenvalues are the eigenvalues of the blocks,
+   and a stiff block does not affect the accuracy of another. 2. Each block is balanced (E. E. Osborne; B. N. Parlett, C.
+   Reinsch, doi:10.1007/BF02165404). 3. Its null vectors are split off by an orthogonal change of coordinates, A -> [[0, *],
+   [0, A_1]], then the null vectors of A_1, until a regular matrix remains (the staircase for the Jordan chains of one
+   eigenvalue: V. N. Kublanovskaya 1966; G. H. Golub, J. H. Wilkinson, SIAM Review 18 (1976) 578-619, doi:10.1137/1018113).
+   Its eigenvalues are well determined.
 
 The other eigenvalues are known up to delta |l|^T |A| |v| / |l^H v| where the entries of A are known to a share delta. An
 eigenvalue closer to the imaginary axis than this is undamped: neither its decay nor its growth exceeds rounding.
