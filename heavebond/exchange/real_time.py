@@ -31,11 +31,12 @@ class RealTimeConstants:
     """The constants of real-time programs.
 
     unknowns: largest number of states and algebraic unknowns for the implicit methods. Origin: two matrices of 1 MB each are
-        on the stack. Doubled: 4 MB each, which fill the usual stack of 8 MB. spare: nodes of the ring buffer for each step
-        of the longest delay. Origin: a step can contain a discontinuity, which adds two nodes. Doubled: twice the memory.
-        nodes: largest number of nodes of the ring buffer. Origin: 100 MB of memory with ten delayed variables. Doubled:
-        twice. same: difference between a period and a multiple of the step, relative to the step, that counts as rounding.
-        Origin: rounding of decimal numbers is 1e-16 of them. Doubled: nothing measurable.
+        on the stack. Doubled: 4 MB each, which fill the usual stack of 8 MB.
+    spare: nodes of the ring buffer for each step of the longest delay. Origin: a step can contain a discontinuity, which
+        adds two nodes. Doubled: twice the memory.
+    nodes: largest number of nodes of the ring buffer. Origin: 100 MB of memory with ten delayed variables. Doubled: twice.
+    same: difference between a period and a multiple of the step, relative to the step, that counts as rounding. Origin:
+        rounding of decimal numbers is 1e-16 of them. Doubled: nothing measurable.
     """
 
     unknowns: int = 350

@@ -35,17 +35,20 @@ class CrossingConstants:
     """The constants of the search for crossings of a loop's frequency response.
 
     resolved: imaginary part, over the value, below which it is rounding and has no sign. Origin: evaluations of large
-        systems. Doubled: nothing. infinite: multiple of the largest pole beyond which a zero of a pencil is at infinity.
-        Origin: errors of the QZ algorithm. Doubled: nothing. zero: share of the largest pole below which a zero of a pencil
-        is at 0. Origin: as above. Doubled: nothing. on_axis: damping ratio below which a pole is passed on both sides.
-        Origin: rounding of eigenvalues. Doubled: nothing. beside: distance at which such a pole is passed, relative to its
-        frequency. Origin: rounding. Doubled: nothing. points_per_decade: points for each decade in addition to the points
-        from the pencils. Origin: dead times are not in the pencils. Doubled: time. closer: share by which a lower |1 + L|
-        would be looked for. Origin: digits shown. Doubled: nothing. max_rounds: rounds of halving. Origin: rounding.
-        Doubled: nothing. close_enough: share of the least |1 + L| by which intervals must be able to come nearer to be
-        halved. Origin: digits shown. Doubled: a thousandth of the modulus margin. points_per_turn: points for each turn of a
-        dead time's phase. Origin: far closer than half a turn. Doubled: time. max_points: points of all. Origin: memory.
-        Doubled: longer dead times.
+        systems. Doubled: nothing.
+    infinite: multiple of the largest pole beyond which a zero of a pencil is at infinity. Origin: errors of the QZ
+        algorithm. Doubled: nothing.
+    zero: share of the largest pole below which a zero of a pencil is at 0. Origin: as above. Doubled: nothing.
+    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled: nothing.
+    beside: distance at which such a pole is passed, relative to its frequency. Origin: rounding. Doubled: nothing.
+    points_per_decade: points for each decade in addition to the points from the pencils. Origin: dead times are not in the
+        pencils. Doubled: time.
+    closer: share by which a lower |1 + L| would be looked for. Origin: digits shown. Doubled: nothing.
+    max_rounds: rounds of halving. Origin: rounding. Doubled: nothing.
+    close_enough: share of the least |1 + L| by which intervals must be able to come nearer to be halved. Origin: digits
+        shown. Doubled: a thousandth of the modulus margin.
+    points_per_turn: points for each turn of a dead time's phase. Origin: far closer than half a turn. Doubled: time.
+    max_points: points of all. Origin: memory. Doubled: longer dead times.
     """
 
     resolved: float = 1e-10
