@@ -480,7 +480,7 @@ def test_the_command_designs_a_lead_and_a_notch_in_the_diagram(tmp_path: Path) -
             (["--notch", "lead"], "Name a NotchFilter"), (["--lead", "lead", "--crossover", "1 Hz"], "needs a phase margin"),
             (["--lead", "lead", "--crossover", "20 Hz", "--phase-margin", "80 deg"], "two blocks in series"),
             (["--notch", "notch", "--lead", "lead"], "exactly one of"),
-            (["--lead", "lead", "--schedule", "lead"], "no --lead or --notch")):
+            (["--lead", "lead", "--schedule", "lead"], "--schedule cannot be combined with --lead or --notch")):
         run = CliRunner().invoke(main, [*common, *arguments])
         assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
 

@@ -115,7 +115,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         raise UsageError([Problem("design-task", "with --loop exactly one of --free, --lead and --notch is needed", None,
                                   "Design a notch first, and the gains in a second step.")])
     if schedule is not None and (lead or notch):
-        raise UsageError([Problem("design-task", "with --schedule no --lead or --notch is possible", None,
+        raise UsageError([Problem("design-task", "--schedule cannot be combined with --lead or --notch", None,
                                   "Give the gains of the table, for example --free control.K_p,control.K_i.")])
     if written is not None:
         check_new(written, (".yaml",))

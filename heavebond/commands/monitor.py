@@ -42,7 +42,7 @@ def monitor(experiment: str, records: tuple[Path, ...], walks: tuple[str, ...], 
             scheduler: str | None) -> dict[str, object]:
     """Filter RECORDS by the model of EXPERIMENT, and report those that leave the model, with the time.
 
-    RECORDS are files and folders; of a folder all files in a format of records are read. The records have the columns
+    RECORDS are files and folders; in a folder, all files with a format of records are read. The records have the columns
     that EXPERIMENT names. Writes monitor.parquet, monitor.html and a picture of each record that leaves the model
     (NAME.png); the time after the change is diagnosed (NAME_report.html). Records that cannot be used are listed with the
     reason. Exit code 0: all records agree with the model; 1: a record leaves the model or cannot be used; 2: wrong usage.

@@ -112,8 +112,8 @@ def optimal(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[s
 
 def _task(written: OptimalProblem | None, free: Sequence[str], cost: str | None, limits: Sequence[str], ends: Sequence[str],
           duration: str | None, units: Mapping[str, str]) -> OptimalProblem:
-    """The problem of a study with options in place of its entries; of a diagram the options only. `units` are those of the
-    signals by name."""
+    """The problem of a study, with options in place of its entries; the problem of a diagram consists of options only.
+    `units` are the units of the signals by name."""
     from heavebond.core.quantities import ranges
     from heavebond.optimise.optimal import optimal_task
 

@@ -52,8 +52,8 @@ class FrameForms(NamedTuple):
 class FrameTree:
     """The forms of each relation; the groups of nodes whose orientations are related to each other but not to the fixed
     frame (`unrooted`); the nodes whose positions and velocities follow from those of others (`carried`), and the others
-    (`roots`). The relations of each spanning tree from its root on are in `rotations` and `translations`; `loops` gives the
-    parts of the loop that a relation closes, in their order along it."""
+    (`roots`). `rotations` and `translations` are the relations of each spanning tree, from its root outwards; `loops` maps a
+    closing relation to the parts of its loop, in their order along it."""
 
     forms: Mapping[Key, FrameForms]
     unrooted: tuple[tuple[int, ...], ...]
@@ -66,9 +66,10 @@ class FrameTree:
 
 @dataclass(frozen=True)
 class RedundantLoop:
-    """A loop whose redundant constraints were left out: its `parts`, that which closes it, at whose port the `reactions`
-    (`M_x`, in the axes of the port) are taken as zero, the values (n,) of these constraints in raw symbols, in rad and in
-    sizes of the loop, and the values of unknowns in a configuration in which the loop is closed."""
+    """A loop without its redundant constraints: its `parts`, the part that closes it, and the port of this part, at which
+    the `reactions` (`M_x`, in the axes of the port) are taken as zero. It also has the values (n,) of the omitted
+    constraints in raw symbols, in rad and in sizes of the loop, and the values of unknowns in a configuration in which the
+    loop is closed."""
 
     parts: tuple[str, ...]
     closing: str
@@ -114,13 +115,13 @@ def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
                     ) -> tuple[dict[Key, FrameForm], list[list[int]], dict[Key, tuple[str, ...]]]:
     """The form of each relation by breadth-first search, from the fixed frame and then from the first vertex that is not
     reached, in the order of declaration; the vertices of each tree without the fixed frame, its root first; and the parts of
-    the loop that each of the other relations closes."""
+    the loop of each other relation."""
     edges: dict[int, list[Relation]] = {}
     for relation in relations:
         for vertex in dict.fromkeys((relation.first, relation.second)):
             edges.setdefault(vertex, []).append(relation)
     forms: dict[Key, FrameForm] = {}
-    above: dict[int, tuple[int, Key]] = {}  # the vertex from which each one was reached, and by which relation
+    above: dict[int, tuple[int, Key]] = {}  # for each vertex its predecessor, and the relation between both
     closing: list[Relation] = []
     reached: set[int] = set()
     trees: list[list[int]] = []

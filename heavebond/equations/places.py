@@ -39,7 +39,7 @@ class Node:
 
     @property
     def key(self) -> str:
-        """Its name, or `arm.F_x` if there are several through variables with an effort each."""
+        """The name of the node, or `arm.F_x` if its domain has several efforts."""
         return f"{self.name}.{self.through}" if len(self.domain.efforts) > 1 else self.name
 
     @property
@@ -102,8 +102,8 @@ def sources_of(flat: Flat) -> dict[str, Node]:
 
 
 def input_nodes(flat: Flat) -> dict[str, Node]:
-    """The nodes at which an unknown input may act: those of one effort by name, and each force and moment of the nodes in
-    space by `NODE.F_x`, in the order of the diagram."""
+    """The nodes at which an unknown input may act: nodes with one effort by name, nodes in space by each force and moment,
+    `NODE.F_x`. They are in the order of the diagram."""
     single, in_space = nodes_of(flat), {name: node for name, node in sources_of(flat).items() if node.domain.orientation}
     return {**single, **in_space}
 
@@ -143,7 +143,7 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
 
 
 def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
-    """Every pair of nodes of one effort on which a component has ports of one domain, in the order of those ports, then
+    """Every pair of nodes with one effort that a component connects by ports of one domain, in the order of the ports, then
     every node."""
     leaves = flat.expanded.leaves
     on = {port: node for key, node in nodes.items() if key == node.name for port in node.ports}

@@ -281,8 +281,8 @@ def _weight(flat: Flat, column: Column, preferred: frozenset[int]) -> float:
 
 
 class InitialGuess:
-    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0. In a loop with
-    redundant constraints, a position in which it is closed replaces guesses."""
+    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0. A closed
+    position of a loop with redundant constraints replaces its guesses."""
 
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])

@@ -58,7 +58,7 @@ class Block:
         return (port or name) in items and items[port or name].kind == "bond"
 
 
-OWN = "20sim"  # suffix of a name that a component of the library has
+OWN = "20sim"  # suffix of a name that a library component has, too
 
 
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:

@@ -43,7 +43,7 @@ NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
 USUAL_DURATION = 10.0  # duration in s, for a run of 20-sim whose file gives none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
-LIBRARY_LINES = 10_000_000  # more than the lines of a file, so that a line belongs to one file
+LIBRARY_LINES = 10_000_000  # more than the lines of any file, so that a line number determines its file
 READ = 2000  # characters at the beginning of a component file that contain its summary
 INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # index of the argument that is a time
 Rows = list[set[str]]  # the unknowns of each equation
@@ -87,8 +87,8 @@ class Imported:
 
 def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: Iterable[str | Path] = (),
                  libraries: Iterable[str | Path] = ()) -> Imported:
-    """Translate a file with C sources of functions, files with global parameters, and files or folders with submodels that
-    the file only names; raises UsageError for wrong sources, ModelError for a wrong file."""
+    """Translate a file with C sources of functions, files with global parameters, and files or folders with implementations
+    that the file does not contain; raises UsageError for wrong sources, ModelError for a wrong file."""
     sources = {name.lower(): Path(source) for name, source in functions.items()}
     for name, source in sources.items():
         if source.suffix != ".c" or not source.is_file():
@@ -138,9 +138,9 @@ def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Prog
 
 
 def _enter_implementations(root: Submodel, libraries: Iterable[Path], comments: dict[int, str]) -> list[tuple[str, int]]:
-    """Give submodels without an implementation that of the submodel with the same type, or else name, in other files, and
-    enter the comments of these files; the lines of the k-th one are counted from k * `LIBRARY_LINES`. Returns the name of
-    each file, and the line of the first submodel in the model that has an implementation of it."""
+    """Complete submodels without an implementation: take the implementation of the submodel with the same type, or else the
+    same name, in other files, and add the comments of these files. The lines of the k-th file are counted from k *
+    `LIBRARY_LINES`. Returns the name of each file, and the line of the first submodel of the model that uses it."""
     files: list[Path] = []
     for source in libraries:
         found = sorted(source.glob("*.emx")) if source.is_dir() else [source]
@@ -448,9 +448,9 @@ class _Writer:
                 self.result.files[f"components/{snake(name)}.yaml"] = text
 
     def _kind(self, content: Component | Block, common: str, within: Block) -> tuple[str, bool]:
-        """The name of the file for a submodel of a block, and True if it is new: submodels of one type, or with names that
-        differ by a number, and with the same text except for parameter values are parts of one kind. If another kind has
-        the name, that of the block is put before it."""
+        """The name of the file for a submodel of a block, and True if it is new: submodels with the same text except for
+        parameter values, and with one type or with names that differ by a number only, are parts of one kind. If another
+        kind has the name, the name of the block is its prefix."""
         key = (re.sub(rf"{OWN}$|(?<=[A-Za-z])[0-9]+$", "", content.name), common)
         new = key not in self.texts
         if new:

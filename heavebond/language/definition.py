@@ -377,8 +377,9 @@ class ViewShape:
     """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
     angle), its colour and its text.
 
-    `spatial` is True for a shape in space, False for one in a plane, None for one of either. In space `points` are its
-    places, and `size`, `turned`, `axis` and `vector` have three formulas, or one of a vector. `file` is that of a mesh.
+    `spatial` is True for a shape in space, False for a shape in a plane, None for a shape in either. In space `points` are
+    its places, and `size`, `turned`, `axis` and `vector` have three formulas, or one vector formula. `file` is the file of a
+    mesh.
     """
 
     name: str

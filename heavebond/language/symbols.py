@@ -37,7 +37,7 @@ from heavebond.text.shapes import declared
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
 # relative to the largest element of a matrix: rounding error of a computed symmetric or singular matrix
 MATRIX_ROUNDING, TINY = 1e-9, 1e-300
-# steps of least_distance, of which each reduces the complementarity to a tenth at best, and its least value, relative
+# steps of least_distance, each of which reduces the complementarity to a tenth at best; the least complementarity, relative
 DISTANCE_STEPS, DISTANCE_LEAST = 30, 1e-13
 # operations of CasADi with a jump or kink whose second derivative is zero elsewhere
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
@@ -270,7 +270,7 @@ def _least_distance(matrix: ca.SX, c: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
     Solving Least Squares Problems, Prentice-Hall 1974, chapter 23 (least distance programming).
     """
     p, n = matrix.shape
-    # relative to the norm of what lies outside of the limits
+    # relative to the norm of the violations of the limits
     rows, room = ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p)
     outside = ca.sum1(ca.fmax(-room, 0) ** 2)
     size = ca.sqrt(ca.if_else(outside > 0, outside, 1))
@@ -286,8 +286,8 @@ def _least_distance(matrix: ca.SX, c: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
 
 def _distance_step(p: int, n: int) -> ca.Function:
     """A step of `_least_distance` from v (n,), slacks and multipliers (2 p,) of the limits W v + slack = room (2 p,), where
-    the lower half is of -W v. It aims at a tenth of the complementarity; a norm of high order of the relative decreases of
-    slacks and multipliers, in place of the largest one, limits its length."""
+    the lower half is for -W v. The target is a tenth of the complementarity. The length of the step is limited by a norm of
+    high order of the relative decreases of slacks and multipliers, which approximates the largest decrease smoothly."""
     matrix, room, v, slack, multiplier = symbols = [
         ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p), ca.SX.sym("v", n), ca.SX.sym("s", 2 * p), ca.SX.sym("l", 2 * p)]
 

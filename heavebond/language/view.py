@@ -1,9 +1,9 @@
 """The section `view:` of a diagram: shapes of an animation, at positions that are formulas of its variables.
 
-A view is in a plane, with positions `[x, y]`, or in space. A point in space is a frame, that is a node or a port of a domain
-with an orientation (`boom`), a point in the axes of a frame (`[boom, 0, 0, 0.5 m]`) or one of the fixed frame
-(`[1 m, 0, 0.5 m]`). Component files have the same section, with ports as frames: the shapes of their parts in a diagram
-without a view.
+A view is in a plane, with positions `[x, y]`, or in space. A point in space is a frame (`boom`, a node or a port of a domain
+with an orientation), a point in the axes of a frame (`[boom, 0, 0, 0.5 m]`), or a point in the fixed frame (`[1 m, 0, 0.5
+m]`). Component files have the same section, with ports as frames. It contains the shapes of their parts in a diagram without
+a view.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SPATIAL_KINDS: Kinds = {
     "ground": (("at", "width"), (), "rock"), "level": (("at",), (), "sea"),
     "camera": ((), ("azimuth", "elevation"), "grey")}
 ALL_KINDS = tuple(dict.fromkeys((*KINDS, *SPATIAL_KINDS)))
-INSTEAD = {"circle": "`disc` or `sphere`", "mark": "`level`"}  # what draws in space what a shape of the plane draws
+INSTEAD = {"circle": "`disc` or `sphere`", "mark": "`level`"}  # shapes in space in place of shapes in a plane
 PAIRS = ("at", "size", "from", "to")
 POINTS = ("at", "from", "to")
 TRIPLES = ("size", "turned", "axis", "vector")  # in space
@@ -44,12 +44,12 @@ EXAMPLES = {"size": "[0.2 m, 0.2 m, 0.6 m]", "turned": "[0, 90 deg, 0]", "axis":
             "scale": "10 kN/m", "unit": "1 mm"}
 WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
-UNIT = re.compile(r"[a-z]+")  # of a mesh, without a number
+UNIT = re.compile(r"[a-z]+")  # unit of a mesh, without a number
 FRAME = re.compile(r"[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*")
 
 
 def read_view(node: Node | None, problems: Problems, folder: Path | None = None) -> dict[str, ViewShape]:
-    """The shapes in drawing order, background first; `folder` is that of the file."""
+    """The shapes in drawing order, background first; `folder` is the folder of the file."""
     entries = reading.mapping(node, "view", problems)
     shapes = {}
     for name, item in (entries.items if entries else {}).items():
@@ -118,7 +118,7 @@ def _point(entry: Mapping, key: str, kind: str, problems: Problems) -> Point | N
         if len(items) == 3:
             return Point(frame, tuple(f for f in (_formula(item, key, problems) for item in items) if f is not None),
                          first.place if first is not None and frame else node.place)
-    problems.add("view-point", f"`{key}` of {article(kind)} is a point in space", node.place,
+    problems.add("view-point", f"`{key}` of {article(kind)} needs a point in space", node.place,
                  hint=f"Write a node, `{key}: boom`, a point in its axes, `{key}: [boom, 0, 0, 0.5 m]`, or a fixed point, "
                       f"`{key}: [1 m, 0, 0.5 m]`.")
     return None
@@ -131,7 +131,9 @@ def _formulas(entry: Mapping, key: str, kind: str, spatial: bool, problems: Prob
         triple = key in TRIPLES
         if len(items) != 1 and len(items) != (3 if triple else 1):
             problems.add("view-triple" if triple else "view-one",
-                         f"`{key}` of {article(kind)} in space is {'three values' if triple else 'one value'}", node.place,
+                         f"`{key}` of {article(kind)} in space needs {'three values' if triple else 'one value'}",
+                         node.place,
+
                          hint=f"Write for example `{key}: {EXAMPLES.get(key, '0.1 m')}`."
                               + (" In a plane, places are `[x, y]`." if len(items) == 2 and kind in KINDS else ""))
             return ()
@@ -139,7 +141,7 @@ def _formulas(entry: Mapping, key: str, kind: str, spatial: bool, problems: Prob
         pair = key in PAIRS and kind not in WIDE
         if len(items) != (2 if pair else 1):
             problems.add("view-pair" if pair else "view-one",
-                         f"`{key}` of a {kind} is {'two lengths' if pair else 'one value'}",
+                         f"`{key}` of a {kind} needs {'two lengths' if pair else 'one value'}",
                          node.place, hint=f"Write for example `{key}: {'[0, crown.x]' if pair else '2 m'}`.")
             return ()
     return tuple(f for f in (_formula(item, key, problems) for item in items) if f is not None)

@@ -211,13 +211,13 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
             processes: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Monitoring:
     """Filter records by the model of an experiment, and report those that leave it.
 
-    `records` is a folder, a file, or a list of files and folders; of a folder all files in a format of records are read. The
-    files have the columns that the experiment names. `walks` and `start_deviation` are as in `Estimator`;
-    `record` is the record of the experiment with the settings of the monitored machine (by default the first). `rate` is the
-    probability of a false alarm in a record of a sound machine (0.01, or "1 %"). With `estimates` the estimated states of
-    all records are kept in `Monitoring.estimates`. `processes` work in parallel, or the workers of an `executor` (a
-    `Cluster`). `progress` is called with the number of finished records. Ctrl-C returns these. Raises UsageError for a
-    file that does not exist and a folder without records; a record that cannot be used is reported in the table.
+    `records` is a folder, a file, or a list of files and folders; in a folder, all files with a format of records are read.
+    The files have the columns that the experiment names. `walks` and `start_deviation` are as in `Estimator`; `record` is
+    the record of the experiment with the settings of the monitored machine (by default the first). `rate` is the probability
+    of a false alarm in a record of a sound machine (0.01, or "1 %"). With `estimates` the estimated states of all records
+    are kept in `Monitoring.estimates`. `processes` work in parallel, or the workers of an `executor` (a `Cluster`).
+    `progress` is called with the number of finished records. Ctrl-C returns these. Raises UsageError for a file that does
+    not exist and a folder without records; a record that cannot be used is reported in the table.
     """
     experiment = with_noise(load_experiment(experiment))
     alarm_rate = si_value(rate, "1", "rate")
@@ -261,8 +261,8 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
 
 
 def _files(records: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The files of the records: those of a folder by name, and further ones in their order. UsageError if there are none,
-    or several with one name."""
+    """The files of the records: the files of a folder sorted by name, other files in their order. UsageError if there are
+    none, or if several have the same name."""
     files: list[Path] = []
     try:
         paths = [Path(records)] if isinstance(records, (str, Path)) else [Path(path) for path in records]

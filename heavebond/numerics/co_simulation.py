@@ -2,7 +2,7 @@
 permission.
 
 An FMU advances from t_{k-1} to t_k with the inputs of t_{k-1}. At t_k its outputs are read, and it receives its inputs at
-t_k, as they were before the instant. At the start it is initialised, and its first outputs are read. An FMU for
+t_k, with their values before the exchange. At the start it is initialised, and its first outputs are read. An FMU for
 co-simulation has a solver; `ModelExchange` integrates the others.
 """
 
@@ -29,7 +29,7 @@ from heavebond.numerics.model_exchange import ModelExchange
 from heavebond.numerics.start_equations import Point
 
 REALS = ("Real", "Float64", "Float32")
-LOG_LINES = 5  # of the log of an FMU in a message
+LOG_LINES = 5  # lines of the log of an FMU in a message
 DISCARD, TERMINATED = 2, 3  # fmi2Discard, and the kind of status fmi2Terminated
 
 

@@ -393,8 +393,8 @@ class EventIntegration:
         return state
 
     def _until_by_steps(self, state: EventState, limit: float, record: Record) -> EventState:
-        """Integrate to a time by steps that end at multiples of their length, and at that time. A condition that is true at
-        the end of a step, and was not at its begin, sets off its event there."""
+        """Integrate to a time by steps that end at multiples of their length, and at that time. A condition that becomes
+        true in a step triggers its event at the end of the step."""
         begin, window = float(self.stops[0]), self.window
         while state.t < limit - self.same:
             check()
@@ -418,7 +418,7 @@ class EventIntegration:
                     reached = int(np.argmax(now.any(axis=0))) + 1
                     met = np.flatnonzero(now[:, reached - 1])
             record.steps += reached
-            # what is computed beyond an event is lost
+            # values that are computed beyond an event are discarded
             self.window = window = min(2 * window, WINDOW) if reached == len(times) else max(reached, 1)
             for n in range(reached):
                 inside = self.stops[(self.stops > at[n] + self.same) & (self.stops < at[n + 1] - self.same)]
@@ -434,7 +434,7 @@ class EventIntegration:
                 late, before = np.zeros(state.blocks - 1), values[:, reached]
                 for _ in range(STEP_CASCADES):
                     state = self._happen(state, [self.conditions[c] for c in met], [late for _ in met], record)
-                    # a count that advanced by several in the step: the event has brought its condition nearer to its end
+                    # a count that advances by several in the step: the event reduces its indicator
                     after = self._indicators(state)[0]
                     met = np.array([c for c in met if 0 < after[c] < before[c]], int)
                     if not len(met):

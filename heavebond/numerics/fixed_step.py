@@ -30,8 +30,8 @@ from heavebond.numerics.dae import Array, Integrand
 MOST_STEPS = 100_000_000  # some minutes
 # Share of a step that is rounding: a stop that is no further from the end of a step is this end.
 SAME = 1e-6
-WINDOW = 64  # steps of a run with events after which its conditions are evaluated for all of them at once
-STEP_CASCADES = 10_000  # times that an event may happen at the end of one step, such as the count of an encoder
+WINDOW = 64  # steps of a run with events whose conditions are evaluated together
+STEP_CASCADES = 10_000  # largest number of repetitions of an event at the end of one step (count of an encoder)
 # Newton's method of backward Euler ends when its last change, in nominal sizes and relative to larger values, is below this:
 # it converges quadratically, so that the error is then of rounding.
 CONVERGED = 1e-10
@@ -42,7 +42,8 @@ POINTS, LARGE, GROWTH = 8, 300, 2.0
 
 
 def amplification(z: Array, fourth_order: bool) -> Array:
-    """|R(z)|, by which a step h multiplies a motion exp(lambda t), z = h lambda: of Runge-Kutta of order 4 or of Euler."""
+    """The factor |R(z)|, z = h lambda, by which a step h of Runge-Kutta of order 4 or of Euler multiplies a motion
+    exp(lambda t)."""
     return np.asarray(np.abs(1 + z + (z**2 / 2 + z**3 / 6 + z**4 / 24 if fourth_order else 0)))
 
 
@@ -145,7 +146,7 @@ class FixedStep:
 
 
 class Steps:
-    """Single steps of a length that may differ from step to step, for runs with events. RuntimeError as in `FixedStep`."""
+    """Single steps of variable length, for runs with events. RuntimeError as in `FixedStep`."""
 
     def __init__(self, solver: str, integrand: Integrand):
         dae, h = integrand.dae, ca.SX.sym("h")

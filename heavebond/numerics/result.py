@@ -142,7 +142,7 @@ class Result(facade.Displayed):
         return {name: signal_figures(dense.time, values) for name, values in dense.signals(names).items()}
 
     def without_law(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Those of some signals that depend on a part without a law (`placeholder:`), which gives constants."""
+        """The given signals that depend on a part without a law (`placeholder:`); such a part has constant outputs."""
         if not lawless_parts(self.assembly):
             return ()
         chosen = list(names)
@@ -225,7 +225,7 @@ class Result(facade.Displayed):
         u = columns(self, np.array([0]))[4]
         unstable = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
         findings = [unstable] if unstable is not None else []
-        for loop in self.assembly.flat.redundancies:  # the constraints that the equations leave out
+        for loop in self.assembly.flat.redundancies:  # the constraints that the equations omit
             error = np.abs(self.evaluate(loop.residuals)).max(axis=0)
             if error.max() > LOOP_CLOSED:
                 k = int(np.argmax(error > LOOP_CLOSED))
