@@ -231,8 +231,9 @@ class Result(facade.Displayed):
                 k = int(np.argmax(error > LOOP_CLOSED))
                 at, worst = float(self.time[k]), float(error.max())
                 findings.append(Finding("loop", loop.closing, listing(loop.parts, 12), at, worst, LOOP_CLOSED, "",
-                                        "Its lengths and axes must agree, and its guesses be near the "
-                                        "position meant; or replace a joint by a SphericalJoint or a CylindricalJoint"))
+                                        "Its lengths and axes must agree, and its guesses must be near "
+                                        "the intended position; or replace a joint by a SphericalJoint or a "
+                                        "CylindricalJoint"))
         # functions of time for which neither the instants of short motions nor a longest step were found; jumps of laws at
         # conditions of states, in a run with sensitivities
         texts, jumps = self.statistics.get("unknown_forcing", ()), self.statistics.get("jumps", ())
