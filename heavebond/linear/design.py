@@ -402,8 +402,8 @@ def design_schedule(model: ModelOrFile, signal: str, block: str, free: Sequence[
     are its gains without their index, such as `["control.K_p", "control.K_i"]`. `over` is one parameter and its values,
     which are the operating points: `{"load.m": ["1 kg", "4 kg"]}`. At each of them the scheduling variable is read and the
     gains are designed as by `design_gains`, with its `crossover`, `bandwidth`, `phase_margin` and `at`. The loop with the
-    table is checked at these points and halfway between neighbours. Raises UsageError as `design_gains`, for another number
-    of points, and if the scheduling variable does not differ between the operating points.
+    table is checked at these points and halfway between neighbours. Raises UsageError as `design_gains`, for a table with
+    another number of points, and if the scheduling variable does not differ between the operating points.
     """
     diagram = loaded(model)
     plain = StateSpaces(diagram, [], [], at).points.assembly

@@ -1,7 +1,7 @@
 """Shapes of a `view:` in space: their positions, orientations and sizes over a run, and the default view of a diagram.
 
 A solid (box, sphere, disc, mesh) is a body of unit size that is scaled by its `size`, turned by the unit quaternion `turn`
-and moved to `at`. A bar (beam, line, spring, damper, cylinder, arrow) lies along the line `from` one point `to` another.
+and moved to `at`. A bar (beam, line, spring, damper, cylinder, arrow) lies on the line between its points `from` and `to`.
 Default lengths are relative to the extent of the machine.
 """
 
@@ -168,7 +168,8 @@ def frame_names(view: Mapping[str, ViewShape], assembly: Assembly) -> list[str]:
 
 def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, assembly: Assembly, *,
           ground: bool) -> Scene:
-    """The solids of a resolved view, from the time series (n,) of its formulas and of `frame_names`; `ground` adds one."""
+    """The solids of a resolved view, from the time series (n,) of its formulas and of `frame_names`; `ground` adds a
+    ground."""
     domain = next(d for d in assembly.model.library.domains.values() if d.orientation)
     placed: dict[str, dict[str, Array]] = {}
     for name, shape in view.items():
@@ -308,7 +309,7 @@ def product(p: Array, q: Array) -> Array:
 
 
 def rotated(q: Array, v: Array) -> Array:
-    """A vector turned by q."""
+    """A vector rotated by q."""
     across = 2.0 * np.cross(q[1:], v, axis=0)
     return np.asarray(v + q[0] * across + np.cross(q[1:], across, axis=0))
 
