@@ -65,7 +65,7 @@ static const char *set_values(Values *now, const Reference references[], size_t 
     int i = (int)references[k];
     double *place;
     if (references[k] >= OUTPUTS || i == TIME || (i >= RATES && i < PARAMETERS)) return NO_SETTING;
-    if (now->starting && i < RATES) { /* to set a state to the value of the export is no wish for it */
+    if (now->starting && i < RATES) { /* setting a state to the exported value does not replace the start */
       if (values[k] == model_x_start[i - STATES] && !now->own) continue;
       now->own = true;
     }

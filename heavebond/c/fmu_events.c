@@ -1,11 +1,11 @@
-/* Events of a run: the instants of time, what happens at an event, and the conditions that are due at a point. New values
-   follow the order of the updates. */
+/* Events of a run: their instants, the new values at an event, and the conditions that are due at a point. New values are set
+   in the order of the updates. */
 
 enum { CASCADES = 100, CHATTERING = 30 };
 static const double CHATTER_SHARE = 1e-8, SLIDING_SHARE = 1e-4; /* of the run, in which CHATTERING or PASSED events are too many */
-static const double REDUCED = 0.5; /* share of its force that a contact at its limit keeps in the trial whether it moves */
-static const double HELD = 1e-4;   /* share of the acceleration without sticking contacts below which others hold a body */
-static const double JUMP = 1e-7;   /* what a quantity may differ before and after an event and count as continuous */
+static const double REDUCED = 0.5; /* share of the force of a contact at its limit in the trial of a motion */
+static const double HELD = 1e-4;   /* acceleration, over that without sticking contacts, of a body that other contacts hold */
+static const double JUMP = 1e-7;   /* largest change of a continuous quantity at an event */
 
 /* Indicators and their rates along the motion. */
 static const char *look(Values *now, double indicators[], double rates[]) {
@@ -20,7 +20,7 @@ static const char *look(Values *now, double indicators[], double rates[]) {
 }
 
 /* -- instants of time ------------------------------------------------------------------------------------------------- */
-/* When each event of time happens next: what happens once and has passed, at once; what is repeated, from now on. */
+/* The next instant of each event of time: a single event in the past happens at once, a repeated one from now on. */
 static const char *schedule(Values *now) {
   double first[model_n_e + 1], period[model_n_e + 1], same = same_instant(now);
   const double *arg[] = {now->p};
@@ -53,7 +53,7 @@ static double next_instant(const Values *now) {
   return found;
 }
 
-/* -- what happens ------------------------------------------------------------------------------------------------------ */
+/* -- new values -------------------------------------------------------------------------------------------------------- */
 static const char *followed(Values *now, double values[]) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
   double *res[] = {0, values, 0};
@@ -61,7 +61,7 @@ static const char *followed(Values *now, double values[]) {
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
 
-/* All marked events set their new values; *sets says whether one sets a state. */
+/* All marked events set their new values; *sets is true if an event sets a state. */
 static const char *fire(Values *now, const bool marked[], bool *sets) {
   double values[model_n_r + 1] = {0}, fired[model_n_e + 1];
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, fired};
@@ -80,8 +80,7 @@ static const char *fire(Values *now, const bool marked[], bool *sets) {
   return NULL;
 }
 
-/* What the accelerations of the contacts change if those that are tried give way; `loose`: without any other contact that
-   sticks. */
+/* The changes of the accelerations of the contacts if the tried contacts give way; `loose`: no other contact sticks. */
 static const char *give_way(const Values *now, const bool tried[], bool loose, double change[]) {
   int half, k;
   for (half = 0; half < 2; ++half) {
@@ -101,8 +100,8 @@ static const char *give_way(const Values *now, const bool tried[], bool loose, d
   return NULL;
 }
 
-/* Of the marked events, those breakaways remain after which the bodies move; breakaways of contacts that were at their
-   limits join them. The other contacts stay at their limits, or all stick again where one would move against its force. */
+/* Keep the marked breakaways after which the bodies move, and add the breakaways of contacts that were at their limits. The
+   other contacts stay at their limits, or all stick again if a contact would move against its force. */
 static const char *breaking(Values *now, bool marked[], bool *changed) {
   double held[model_n_b + 1], loose[model_n_b + 1];
   bool tried[model_n_b + 1], any = false, several = false, against = false;
@@ -138,7 +137,7 @@ static const char *count_event(Values *now) {
   return events->count >= PASSED && now->t - earliest < SLIDING_SHARE * events->span ? CHATTER : NULL;
 }
 
-/* The events that are marked in `met` act, then those whose conditions become true by it. */
+/* Execute the events that are marked in `met`, then the events whose conditions become true by this. */
 static const char *happen(Values *now, bool by_condition, bool *sets) {
   double before[model_n_f + 1], after[model_n_f + 1], indicators[model_n_c + 1], rates[model_n_c + 1];
   double same = same_instant(now);
@@ -158,14 +157,14 @@ static const char *happen(Values *now, bool by_condition, bool *sets) {
       if (marked[i] && model_timed[i]) events->last[i] = events->next[i], events->timed = false;
     if ((wrong = fire(now, marked, sets)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
     for (c = 0; c < model_n_c; ++c) {
-      /* what happened just now is true unless it is left at once; what else is true now became so by the reset */
+      /* the condition of this event is true unless the motion leaves it at once; the reset made other conditions true */
       bool fired = marked[model_condition[c]];
       bool truth = indicators[c] + rates[c] * same > 0 && (fired || indicators[c] > 0);
       bool breaks = model_breaks[model_condition[c]]; /* happens whenever its condition is met */
       if (breaks ? indicators[c] > 0 : truth && !events->truth[c] && !fired) set_off[model_condition[c]] = again = true;
       events->truth[c] = truth && !breaks;
     }
-    if (!again) { /* contacts at their limits may have lost what held them */
+    if (!again) { /* contacts at their limits may have lost their support */
       if ((wrong = breaking(now, set_off, &changed)) != NULL) return wrong;
       for (i = 0; i < model_n_e; ++i) again = again || set_off[i];
       if (!again && !changed) break;
@@ -179,7 +178,7 @@ static const char *happen(Values *now, bool by_condition, bool *sets) {
   return NULL;
 }
 
-/* Mark what is due at this point: instants that have come, and conditions that became true, here or by other inputs. */
+/* Mark the events that are due at this point: reached instants, and conditions that became true, here or by other inputs. */
 static const char *due(Values *now, bool *any, bool *by_condition) {
   double indicators[model_n_c + 1], rates[model_n_c + 1], same = same_instant(now);
   Happened *events = &now->events;
@@ -189,9 +188,9 @@ static const char *due(Values *now, bool *any, bool *by_condition) {
   if (!model_n_e) return NULL;
   if ((wrong = schedule(now)) != NULL || (wrong = look(now, indicators, rates)) != NULL) return wrong;
   for (c = 0; c < model_n_c; ++c) {
-    bool truth = indicators[c] + rates[c] * same > 0; /* what ends at this instant, to rounding, has ended */
+    bool truth = indicators[c] + rates[c] * same > 0; /* a condition that ends at this instant, to rounding, is false */
     if (!events->known) {
-      /* what is true at the start is no change, except a condition of the time alone; a contact breaks away from its start */
+      /* a condition that is true at the start is not a change, unless it depends on time alone; contacts break away from it */
       events->truth[c] = indicators[c] > 0 && !model_breaks[model_condition[c]];
       if (events->truth[c] && model_clock[model_condition[c]]) events->met[model_condition[c]] = true;
     } else if (truth && !events->truth[c]) events->met[model_condition[c]] = true;

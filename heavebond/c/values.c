@@ -1,35 +1,35 @@
 /* The values of a run, their evaluation and start. `History` is defined before. */
-enum { PASSED = 500 }; /* events that are remembered, to tell those that come without end */
+enum { PASSED = 500 }; /* number of stored events, to detect events without end */
 
-/* what the events of the diagram have done, and when those of time happen next */
+/* the state of the events of the diagram, and the next instants of events of time */
 typedef struct {
-  bool known, truth[model_n_c + 1]; /* whether each condition is true, once it is known */
-  bool met[model_n_e + 1];          /* events that are to happen now */
-  bool timed;                       /* whether the instants belong to the parameters */
+  bool known, truth[model_n_c + 1]; /* truth of each condition, valid if `known` */
+  bool met[model_n_e + 1];          /* events that must happen now */
+  bool timed;                       /* true if the instants are valid for the parameters */
   double next[model_n_e + 1];       /* INFINITY: never again */
-  double last[model_n_e + 1];       /* when it happened */
+  double last[model_n_e + 1];       /* the last instant of each event */
   double span, passed[PASSED];      /* length of the run, and instants of the last events, in a ring */
   int count;
 } Happened;
 
-/* all that changes: a copy of it is a snapshot, from which a run goes on to the last bit */
+/* all variables of a run: a copy is a snapshot, from which a run continues with bit-equal results */
 typedef struct {
   double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1], y[model_n_y + 1];
   double step, tolerance; /* of the integrator of co-simulation */
-  bool fresh;             /* whether dx, z and y belong to the rest */
-  bool starting, own;     /* whether the start of the diagram follows parameters and inputs; unless a state was set */
+  bool fresh;             /* true if dx, z and y are valid for the other values */
+  bool starting, own;     /* starting: the start follows parameters and inputs; own: a state was set instead */
   Happened events;
   History history;
   char message[model_n_m]; /* on a physical limit */
 } Values;
 
-/* a direction of all arguments, and what the results change along it */
+/* a direction of all arguments, and the changes of the results along it */
 typedef struct {
   double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1];
   double dx[model_n_x + 1], y[model_n_y + 1], indicators[model_n_c + 1];
 } Direction;
 
-static const double SAME = 1e-12; /* share of the run within which two instants are one */
+static const double SAME = 1e-12; /* difference of equal instants, relative to the run */
 static const char NO_SOLUTION[] = "the algebraic equations have no solution here";
 static const char NOT_FINITE[] = "a derivative is not finite";
 static const char NO_DERIVATIVE[] = "the algebraic equations have no derivative here";
@@ -38,7 +38,7 @@ static const char NO_PERIOD[] = "an event would be repeated after a period that 
 static const char NO_START[] = "the diagram has no start with these parameters and inputs that continues the exported one";
 static const char CASCADE[] = "events set off each other without end";
 static const char CHATTER[] = "events follow each other without end";
-static const char IMPULSE[] = "an event makes jump what the equations differentiate";
+static const char IMPULSE[] = "an event sets a variable whose derivative the equations contain";
 
 static void begin(Values *now) {
   int k;
@@ -55,7 +55,7 @@ static void begin(Values *now) {
 
 #include "fmu_start.c"
 
-/* Rates, outputs and algebraic unknowns of the present values; what is wrong, or NULL. */
+/* Rates, outputs and algebraic unknowns of the present values; an error message, or NULL. */
 static const char *evaluate(Values *now) {
   const char *wrong;
   int k;
@@ -71,14 +71,14 @@ static const char *evaluate(Values *now) {
   return NULL;
 }
 
-/* A message on a physical limit that is passed at this point, or NULL. */
+/* The message of a physical limit that this point exceeds, or NULL. */
 static const char *limit_passed(Values *now) {
   const char *wrong = model_n_l ? evaluate(now) : NULL;
   if (wrong || !model_check(now->t, now->x, now->z, now->p, now->u, now->message, sizeof now->message)) return wrong;
   return now->message;
 }
 
-/* The indicators of the conditions, of which one above zero is true. */
+/* The indicators of the conditions; a condition is true if its indicator is above zero. */
 static const char *indicate(Values *now, double indicators[]) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
   double *res[] = {indicators, 0, 0};
@@ -86,15 +86,15 @@ static const char *indicate(Values *now, double indicators[]) {
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
 
-/* What the rates, the outputs, the residual of the algebraic equations and the indicators change along a direction of
-   everything else. */
+/* The changes of the rates, the outputs, the residual of the algebraic equations and the indicators along a direction of all
+   other values. */
 static int slopes(const Values *now, const Direction *along, double *dx, double *y, double *residual, double *indicators) {
   const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
   double *res[] = {dx, y, residual, indicators};
   return model_directions(arg, res, 0, 0, 0);
 }
 
-/* As above, with the algebraic unknowns going along such that their equations hold: dg/dz z' = -(the rest of g'). */
+/* As above; the algebraic unknowns change so that their equations hold: dg/dz z' = -(the other terms of g'). */
 static const char *directions(const Values *now, Direction *along) {
   double residual[model_n_z + 1], jacobian[model_n_z * model_n_z + 1];
   int k;
@@ -107,7 +107,7 @@ static const char *directions(const Values *now, Direction *along) {
   return slopes(now, along, along->dx, along->y, 0, along->indicators) ? NO_DERIVATIVE : NULL;
 }
 
-/* The end of the initialisation: from here on states, parameters and inputs are what they are. */
+/* The end of the initialisation: the start no longer changes states, parameters and inputs. */
 static const char *end_start(Values *now) {
   const char *wrong = solve_start(now);
   now->starting = false;

@@ -1,15 +1,15 @@
-/* Steps of variable length, with control of the error. A condition that becomes true is found in each step of the integrator:
-   where its indicator passes zero, or the cubic with its values and rates at both ends of the step does, the instant is found
-   by Newton's method, in a bracket, with a step of that length. Events of time end a step exactly. */
+/* Steps of variable length, with control of the error. A condition that becomes true is detected in each step of the
+   integrator: its indicator, or the cubic with its values and rates at both ends of the step, passes zero. The instant is
+   located by Newton's method in a bracket, with a step to this instant. Events of time end a step exactly. */
 
 enum { MOST_STEPS = 1000000, ITERATIONS = 80, HALVINGS = 14, PARTS = 8 };
-static const double PRECISION = 1e-2; /* of an instant, as a share of that within which two are one */
-static const double SHORTEST = 1e-14; /* step that is not halved any more */
-static const double LOOKS = 1e-3;     /* longest step between two looks at the conditions, as a share of the run */
-static const double SLIVER = 1e-3;    /* of a step: a shorter rest before its target is added to it */
-static const double REPEATED = 5;     /* error of the history over that allowed from which on a step is made again */
+static const double PRECISION = 1e-2; /* precision of an instant, relative to the difference of equal instants */
+static const double SHORTEST = 1e-14; /* shortest step, which is not halved */
+static const double LOOKS = 1e-3;     /* longest step between two evaluations of the conditions, relative to the run */
+static const double SLIVER = 1e-3;    /* of a step: a shorter remainder before its target is added to it */
+static const double REPEATED = 5;     /* error of the history, relative to the tolerance, above which a step is repeated */
 
-/* What is due happens; *changed says whether a state was set. */
+/* Execute the events that are due; *changed is true if a state was set. */
 static const char *update(Values *now, bool *changed) {
   bool any, by_condition;
   const char *wrong = due(now, &any, &by_condition);
@@ -17,8 +17,8 @@ static const char *update(Values *now, bool *changed) {
   return wrong || !any ? wrong : happen(now, by_condition, changed);
 }
 
-/* One step from y at t towards `end` that is accurate enough: `next` there, and the length *h of the step after it. Returns
-   the time reached, or t where no step is short enough. */
+/* One sufficiently accurate step from y at t towards `end`, to the point `next`; *h is the length of the step after it. Returns
+   the time reached, or t if no step is short enough. */
 static double accepted_step(double t, double end, const double *y, const double *p, const double *u, const Linear *here,
                             double tolerance, double *h, double *next) {
   for (;;) {
@@ -27,7 +27,7 @@ static double accepted_step(double t, double end, const double *y, const double 
     double error = one_step(t, y, p, u, length, here->jacobian, here->slope, tolerance, next);
     if (error <= 1) {
       double growth = fmin(6, 0.9 * pow(fmax(error, 1e-12), -0.2));
-      /* a step that the end has cut short says nothing about the length of the others, unless it asks for shorter ones */
+      /* a step that `end` shortened does not determine the length of the next step, unless it must be shorter */
       if (length >= *h || growth < 1) *h = length * fmax(0.2, growth);
       return last ? end : t + length;
     }
@@ -37,7 +37,7 @@ static double accepted_step(double t, double end, const double *y, const double 
 }
 
 /* -- steps of co-simulation -------------------------------------------------------------------------------------------- */
-/* A step of the integrator: where it begins, and the point at a time within it that was looked at last. */
+/* A step of the integrator: its first point, and the last evaluated point in it. */
 typedef struct {
   const Values *from;
   const double *y;
@@ -55,7 +55,7 @@ static const char *look_at(Span *span, double t) {
   return look(&span->at, span->indicators, span->rates);
 }
 
-/* Where the cubic with values a, b and rates c, d (of the whole step) at both ends is highest and lowest inside. */
+/* The inner extrema of the cubic with values a, b and rates c, d (for the whole step) at both ends. */
 static void extremes(double a, double b, double c, double d, double *highest, double *lowest, double *most, double *least) {
   double shares[PARTS + 1], p = 3 * (c + d - 2 * (b - a)), q = 2 * (3 * (b - a) - 2 * c - d);
   double root = -(q + (q >= 0 ? 1 : -1) * sqrt(q * q - 4 * p * c)) / 2;
@@ -72,8 +72,8 @@ static void extremes(double a, double b, double c, double d, double *highest, do
   }
 }
 
-/* The time at which condition c becomes true between the begin of a step and `end`; INFINITY where it does not. `a` and `b`
-   are its indicator and `ra` and `rb` its rates at both. */
+/* The time at which condition c becomes true between the beginning of a step and `end`, or INFINITY. `a` and `b` are its
+   indicators, `ra` and `rb` the rates of its indicator at both. */
 static const char *crossing(Span *span, int c, double end, double a, double b, double ra, double rb, double *found) {
   double begin = span->from->t, low = begin, high = end, highest, lowest, most, least, t;
   double precision = fmax(PRECISION * same_instant(span->from), spacing(fmax(fabs(begin), fabs(end))));
@@ -84,7 +84,7 @@ static const char *crossing(Span *span, int c, double end, double a, double b, d
   extremes(a, b, (end - begin) * ra, (end - begin) * rb, &highest, &lowest, &most, &least);
   certain = !left && right;
   if (!certain && !(!left && !right && most > 0) && !(left && right && least < 0)) return NULL;
-  if (left || a >= 0) { /* it has to become false first, perhaps for a very short time */
+  if (left || a >= 0) { /* it must become false first, possibly for a very short time */
     for (k = 0; k <= (certain ? HALVINGS : 0); ++k) {
       t = begin + (end - begin) * (k ? pow(8, -k) : lowest);
       if ((wrong = look_at(span, t)) != NULL) return wrong;
@@ -119,8 +119,8 @@ static const char *crossing(Span *span, int c, double end, double a, double b, d
   return NULL;
 }
 
-/* The first condition that becomes true in a step from `now` (where the indicators are a, their rates ra) to `next`: its
-   events are marked, and *next is the point where they happen. */
+/* Mark the events of the first condition that becomes true in a step from `now` (with indicators a and their rates ra) to
+   `next`; *next is then the point of these events. */
 static const char *first_crossing(const Values *now, const double *y, const Linear *here, const double *a, const double *ra,
                                   Values *next, bool *crossed) {
   double b[model_n_c + 1], rb[model_n_c + 1], found, end = next->t, same = same_instant(now);
@@ -142,7 +142,7 @@ static const char *first_crossing(const Values *now, const double *y, const Line
   if (end > now->t) {
     if ((wrong = look_at(&span, end)) != NULL) return wrong;
     if (!(span.error <= 1) && end - now->t > SHORTEST * fmax(fabs(end), now->events.span)) {
-      *next = *now; /* a kink lies before it: the whole step was accurate, this part of it is not */
+      *next = *now; /* there is a kink before it: the whole step was accurate, this part is not */
       next->step = (end - now->t) / 2;
       *crossed = false;
       return NULL;
@@ -161,7 +161,7 @@ static const char *first_crossing(const Values *now, const double *y, const Line
   return NULL;
 }
 
-/* One step of the integrator towards `end`, at most to the next event; *crossed says that a condition becomes true there. */
+/* One step of the integrator towards `end`, at most to the next event; *crossed is true if a condition becomes true there. */
 static const char *advance(Values *now, double end, bool *crossed) {
   double y[UNKNOWNS + 1], reached_y[UNKNOWNS + 1], a[model_n_c + 1], ra[model_n_c + 1], reached,
          least = 0, target, planned;
@@ -174,10 +174,10 @@ static const char *advance(Values *now, double end, bool *crossed) {
     double T[model_n_d + 1], shortest, longest;
     if ((wrong = delays(now, T, &shortest, &longest)) != NULL) return wrong;
     end = fmin(end, now->t + DELAY_SHARE * shortest);
-    if (now->step > 0) end = fmin(end, now->t + (1 + 1e-9) * now->step); /* no rounding makes this step a shorter one */
+    if (now->step > 0) end = fmin(end, now->t + (1 + 1e-9) * now->step); /* rounding must not shorten this step */
     if (target - end < SLIVER * (end - now->t)) end = target;
     if ((wrong = set_pieces(now, &end, &least)) != NULL) return wrong;
-    if (!model_direct || !(least < INFINITY)) least = 0; /* a source that follows the history itself is no smoother than that */
+    if (!model_direct || !(least < INFINITY)) least = 0; /* a source that depends on the history is not smoother than the history */
   }
   wrong = evaluate(now);
   if (wrong || (model_n_c > 0 && (wrong = look(now, a, ra)) != NULL)) return wrong;
@@ -197,7 +197,7 @@ static const char *advance(Values *now, double end, bool *crossed) {
     if (model_n_d && next.t > now->t) {
       double error, length = next.t - now->t;
       if ((wrong = remember_step(now, y, &here, &next, &error)) != NULL) return wrong;
-      if (error > REPEATED && length > fmax(64 * same_instant(now), 1.5 * least)) { /* its history is not dense enough */
+      if (error > REPEATED && length > fmax(64 * same_instant(now), 1.5 * least)) { /* the history is not dense enough */
         now->step = fmax(least, length * fmax(0.2, 0.9 * pow(error, -1.0 / STENCIL)));
         *crossed = false;
         return NULL;
@@ -212,8 +212,8 @@ static const char *advance(Values *now, double end, bool *crossed) {
   return NULL;
 }
 
-/* A step of co-simulation to the time `end`, with constant inputs; now->t is how far it came. With `stop` it ends where an
-   event happens, which is left to `update`; *event says so. */
+/* A step of co-simulation to the time `end`, with constant inputs; now->t is the time reached. With `stop` the step ends at the
+   first event, *event is true, and `update` executes the event. */
 static const char *do_step(Values *now, double end, bool stop, bool *event) {
   const char *wrong = evaluate(now); /* the algebraic unknowns for the inputs of this step */
   bool sets, any, by_condition, crossed = false;
