@@ -1,16 +1,17 @@
 /* Delayed variables: the history of their sources, and its polynomial pieces as inputs of the equations (method of steps).
 
-   No step is longer than a quarter of the shortest delay, so that all delayed variables are known functions of time in it.
-   The sources are kept at the end of each step and at points inside it, and interpolated by polynomials of degree 7 through
-   points on one side of every discontinuity. A discontinuity at b (the start, an event, a jump of an input) returns at b + T:
-   a step ends there, and a source that follows the delayed variable has one in turn. With each return it moves to a higher
-   derivative, unless the source follows the delayed variable without a state between. The history is a ring in the memory of the run.
+   No step is longer than a quarter of the shortest delay, so that all delayed variables are known functions of time in a
+   step. The sources are stored at the end of each step and at points inside it, and interpolated by polynomials of degree 7
+   through points on one side of every discontinuity. A discontinuity at b (the start, an event, a jump of an input) returns
+   at b + T: a step ends there, and a source that depends on the delayed variable has a discontinuity, too. With each return
+   the discontinuity moves to a higher derivative, unless the source depends on the delayed variable without a state in
+   between. The history is a ring in the memory of the run.
    A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chap. 3, 4. */
 
 enum { TERMS = 8, ROWS = 3 + TERMS, STENCIL = 8, FIRST_NODES = 8, FIRST_INNER = 6, INNER = 3, LEVELS = 8, PIECE_HALVINGS = 40 };
-static const double APART = 0.25;        /* distance of two points of a stencil over that of the two around a time, at least */
+static const double APART = 0.25;        /* least distance of points of a stencil, over that of the two around a time */
 static const double PIECE_ERROR = 0.1;   /* error of a piece over the tolerance of a step */
-static const double DELAY_SHARE = 0.25;  /* of the shortest delay: the longest step */
+static const double DELAY_SHARE = 0.25;  /* longest step, relative to the shortest delay */
 static const char NO_DELAY[] = "a delay is not positive";
 static const char LONG_HISTORY[] = "a delay is too long for the steps of the integration: its history has too many points";
 static const char MANY_BREAKS[] = "a delay is too long: too many discontinuities are on their way through it";
@@ -34,7 +35,7 @@ static const char *delays(const Values *now, double T[], double *shortest, doubl
   return wrong;
 }
 
-/* Add a point to the present stretch; one at its last time takes the place of the last. */
+/* Add a point to the present stretch; it replaces the last point if their times are equal. */
 static const char *add_node(History *h, double t, const double *w, double longest) {
   int k, last = (h->number - 1) % NODES, at;
   if (h->number && h->stretch[last] == h->stretches && !(t > h->t[last])) {
@@ -198,7 +199,7 @@ static double delayed_now(const Values *now, int k) {
   return row[0] > 0 ? value : now->p[model_d_before[k]];
 }
 
-/* What returns now: the pieces of the delayed variables change, and a source may have a discontinuity by it. */
+/* Discontinuities that return now: the pieces of the delayed variables change, and a source may then have a discontinuity. */
 static const char *returned(Values *now, bool *any) {
   History *h = &now->history;
   double T[model_n_d + 1], shortest, longest, before[model_n_d + 1], end, same = same_instant(now);

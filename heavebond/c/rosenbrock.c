@@ -1,6 +1,6 @@
 /* Integration of x' = f(t, x, z), 0 = g(t, x, z) by the Rosenbrock method Rodas5P: eight stages, order 5 with an error
-   estimate of order 4, stiffly accurate and L-stable, for equations of index 1. It is a one-step method: a run goes on from
-   time, states and length of the next step exactly as if it had not been interrupted.
+   estimate of order 4, stiffly accurate and L-stable, for equations of index 1. It is a one-step method: a run continues
+   from time, states and length of the next step with the same results as an uninterrupted run.
    G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia Differential
    Equations package, BIT Numerical Mathematics 63, 2023, doi:10.1007/s10543-023-00967-x (coefficients).
    E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.7 and VI.3 (form of the stages). */
@@ -31,7 +31,7 @@ static const double TIMES[STAGES] = {0, 0.6358126895828704, 0.4095798393397535, 
 static const double SLOPES[STAGES] = {0.21193756319429014, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734,
                                       2.325825639765069};
 
-/* LU factors of a (by rows) in its place with the order of the rows; 0 where it is singular. */
+/* LU factors of a (by rows) in its place with the order of the rows; 0 if it is singular. */
 static int factorise(int n, double *a, int *order) {
   int i, j, k;
   for (k = 0; k < n; ++k) {
@@ -69,7 +69,7 @@ static void back_substitute(int n, const double *a, const int *order, double *b)
   }
 }
 
-/* One step of length h from y = (x, z) to `next`; the size of its error over the tolerance, or infinity where it fails. */
+/* One step of length h from y = (x, z) to `next`; the size of its error over the tolerance, or infinity if it fails. */
 static double one_step(double t, const double *y, const double *p, const double *u, double h, const double *jacobian,
                        const double *slope, double tolerance, double *next) {
   static const int n = UNKNOWNS;
@@ -92,7 +92,7 @@ static double one_step(double t, const double *y, const double *p, const double 
   }
   for (i = 0; i < n; ++i) {
     double nominal = i < model_n_x ? model_x_nominal[i] : model_z_nominal[i - model_n_x];
-    double origin = i < model_n_x ? model_x_origin[i] : 0; /* of a state that moves little about it */
+    double origin = i < model_n_x ? model_x_origin[i] : 0; /* of a state with small motions about it */
     double error = k[STAGES - 1][i];
     next[i] += error;
     error /= tolerance * (nominal + fmax(fabs(y[i] - origin), fabs(next[i] - origin)));
@@ -101,7 +101,7 @@ static double one_step(double t, const double *y, const double *p, const double 
   return isfinite(sum) ? sqrt(sum / (n ? n : 1)) : INFINITY;
 }
 
-/* The equations at the beginning of a step, which steps of any length from there share. */
+/* The linearised equations at the beginning of a step, for steps of any length. */
 typedef struct {
   double jacobian[UNKNOWNS * UNKNOWNS + 1], slope[UNKNOWNS + 1];
 } Linear;

@@ -1,15 +1,15 @@
-"""Frames: which relations between the frames of nodes are explicit, and which close a loop.
+"""Frames: the explicit relations between the frames of nodes, and the relations that close a loop.
 
 A part relates the frames of its ports by a rotation and a translation (`frames:` of a component). Between two orientations,
 unit quaternions, a relation has rank three, but it determines four numbers; with the velocities, which follow from it by
 differentiation, it determines all seven. The relations are the edges of a graph whose vertices are the nodes and the fixed
-frame. On a spanning tree each of them gives the orientation, position and velocities of a node from those of its predecessor
-by explicit equations, in which the norm of the quaternion is 1 by construction; each of the others closes a loop and gives
-three equations for the rotation and three for the translation. Thus a tree of bodies has explicit recursions without any
-derivative of a position, and a loop has as many equations as constraints.
+frame. On a spanning tree, a relation determines the orientation, position and velocities of a node from its predecessor by
+explicit equations, in which the norm of the quaternion is 1 by construction. Each other relation closes a loop and gives
+three equations for the rotation and three for the translation. A tree of bodies therefore has explicit recursions without
+derivatives of positions, and a loop has as many equations as constraints.
 
 M. Otter, H. Elmqvist, S. E. Mattsson: The new Modelica MultiBody library. Proc. 3rd International Modelica Conference,
-Linkoping 2003, 311-330: overdetermined connectors, and relations of velocities beside those of positions.
+Linkoping 2003, 311-330: overdetermined connectors, and relations of velocities in addition to relations of positions.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class FrameForms(NamedTuple):
 @dataclass(frozen=True)
 class FrameTree:
     """The forms of each relation; the groups of nodes whose orientations are related to each other but not to the fixed
-    frame (`unrooted`); the nodes whose positions and velocities follow from those of others (`carried`), and the others
-    (`roots`). `rotations` and `translations` are the relations of each spanning tree, from its root outwards; `loops` maps a
-    closing relation to the parts of its loop, in their order along it."""
+    frame (`unrooted`); the nodes whose positions and velocities follow from other nodes (`carried`), and the nodes where
+    they do not (`roots`). `rotations` and `translations` are the relations of each spanning tree, from its root outwards;
+    `loops` maps a closing relation to the parts of its loop, in their order along it."""
 
     forms: Mapping[Key, FrameForms]
     unrooted: tuple[tuple[int, ...], ...]
@@ -198,8 +198,8 @@ def with_roots(expanded: Expanded, network: Network) -> Expanded:
 
 
 def _turned(expanded: Expanded, network: Network) -> set[int]:
-    """The vertices whose orientation or angular velocity acts on a force, a moment or the place of another node; that of a
-    point mass with a sensor of its angles does not."""
+    """The vertices whose orientation or angular velocity acts on a force, a moment or the place of another node. An angle
+    sensor on a point mass is not such an action."""
     domains, turned = expanded.model.library.domains, set[int]()
     for path, leaf in expanded.leaves.items():
         # the members of the domain of each port that describe its orientation

@@ -119,7 +119,7 @@ class _Parser:
         place = items["file"].place if "file" in items else root.place
         suffix = Path(file).suffix.lower()
         if suffix == ".fmu":
-            problems.add("external-fmu", f"'{file}' is an FMU, which has a state of its own and is no function", place,
+            problems.add("external-fmu", f"'{file}' is an FMU, which has states and is not a function", place,
                          hint=f"Use it as a part of the diagram: `is: {file}`.")
         elif file and suffix not in FORMS:
             problems.add("external-file", f"'{file}' is neither C, a shared library nor Python", place,
