@@ -40,14 +40,14 @@ class ImportedModel:
 def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
                  global_files: Iterable[str | Path] = (), libraries: Iterable[str | Path] = (), strict: bool = False
                  ) -> ImportedModel:
-    """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files, in a `folder`, by default
-    named after the model.
+    """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files.
 
-    `file` is the path of the model; nothing in it is executed. Three arguments are for 20-sim models: `functions` are C
-    sources that replace functions of compiled libraries, by the name of the function; `global_files` are other .emx files
-    with global parameters of the model; `libraries` are .emx files, or folders of them, with implementations that the model
-    does not contain. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
-    reads the diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
+    The files are written into a `folder`, by default one that is named after the model. `file` is the path of the model;
+    nothing in it is executed. Three arguments are for 20-sim models: `functions` are C sources that replace functions of
+    compiled libraries, by the name of the function; `global_files` are other .emx files with global parameters of the
+    model; `libraries` are .emx files, or folders of them, with implementations that the model does not contain. With
+    `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)` reads the diagram.
+    Raises UsageError for another kind of file, ModelError for one that cannot be read.
     """
     file, global_files, libraries = Path(file), list(global_files), list(libraries)
     suffix = file.suffix.lower()

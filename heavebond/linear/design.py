@@ -267,10 +267,12 @@ def design_lead(model: ModelOrFile, signal: str, block: str, *, crossover: float
                 points: Mapping[str, Mapping[str, float | str]] | None = None) -> LoopDesign:
     """A lead or lag compensator k (T_1 s + 1)/(T_2 s + 1) in a loop, from its crossover or bandwidth, and its phase margin.
 
-    The `block` is a `LeadLag` in the loop through `signal`, whose other parts keep their gains. If phase is missing at the
-    crossover, the block has its largest phase there (lead, T_1 > T_2). If there is too much, it is a lag with T_2 = 10 T_1,
-    which has ten times the gain at low frequencies. The other arguments are as for `design_gains`. Raises UsageError if the
-    block is not in the loop, or if the phase would have to change by more than a block can: 75 degrees or -50.
+    The `block` is a `LeadLag` of the `model` (a diagram or a file) in the loop through `signal`, whose other parts keep
+    their gains. `crossover` or `bandwidth` (Hz), `phase_margin` (degrees) and the operating `points` at which the margins
+    are computed as well are as for `design_gains`. If phase is missing at the crossover, the block has its largest phase
+    there (lead, T_1 > T_2). If there is too much, it is a lag with T_2 = 10 T_1, which has ten times the gain at low
+    frequencies. The other arguments are as for `design_gains`. Raises UsageError if the block is not in the loop, or if the
+    phase would have to change by more than a block can: 75 degrees or -50.
     """
     diagram = loaded(model)
     names = [f"{block}.{name}" for name in ("k", "T_1", "T_2")]
@@ -643,12 +645,12 @@ def design_mpc(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
                ) -> PredictiveDesign:
     """A model predictive controller for a `PredictiveController` of a diagram, from the linearised machine without it.
 
-    Regulator and Kalman filter are designed as by `design_lqg`, with the same arguments `weigh`, `effort` (of one output),
-    `disturbances`, `noise` and `at`. With the gain K and the Riccati matrix P of the regulator, the cost of any commands is
-    x' P x + (R + B' P B) sum v[k]^2 with v[k] = u[k] + K x[k] (Rawlings, Mayne, Diehl, Model Predictive Control, 2017,
-    section 1.3). The `horizon` is the number of commands within the limits; after the horizon the regulator continues
-    without limits. Without an active limit the command is the command of the regulator. Raises UsageError as `design_lqg`,
-    and for a horizon outside 1 to 30.
+    The `block` is the name of the `PredictiveController` in the `model` (a diagram or a file). Regulator and Kalman filter
+    are designed as by `design_lqg`, with the same arguments `weigh`, `effort` (of one output), `disturbances`, `noise` and
+    `at`. With the gain K and the Riccati matrix P of the regulator, the cost of any commands is x' P x + (R + B' P B) sum
+    v[k]^2 with v[k] = u[k] + K x[k] (Rawlings, Mayne, Diehl, Model Predictive Control, 2017, section 1.3). The `horizon` is
+    the number of commands within the limits; after the horizon the regulator continues without limits. Without an active
+    limit the command is the command of the regulator. Raises UsageError as `design_lqg`, and for a horizon outside 1 to 30.
     """
     if not 1 <= horizon <= HORIZON:
         raise UsageError([Problem("design-horizon", f"the horizon has {count(horizon, 'command')}; 1 to {HORIZON} are "

@@ -321,8 +321,11 @@ class Delays:
         pieces = [self._fitted(k, t, end) for k in range(self.n)]
         shortest = min(b - a for fitted in pieces for a, b, _ in fitted)
         while shortest * DELAYS.parts < end - t:  # up to where a short transient in the history begins, or through it
-            end = max(t + (end - t) / 2, t + 2 * shortest)
-            pieces = [self._fitted(k, t, end) for k in range(self.n)]
+            half = (t + end) / 2
+            end = max(half, t + 2 * shortest)
+            # the pieces of the first half of a window that was divided are those of that half
+            pieces = [[piece for piece in fitted if piece[1] <= half] if end == half and len(fitted) > 1 else
+                      self._fitted(k, t, end) for k, fitted in enumerate(pieces)]
             shortest = min(b - a for fitted in pieces for a, b, _ in fitted)
         for k, fitted in enumerate(pieces):
             starts, columns = self.starts_of_pieces[k], self.pieces[k]
@@ -359,38 +362,44 @@ class Delays:
 
     def _fitted(self, k: int, begin: float, end: float) -> list[tuple[float, float, Array]]:
         """Polynomial pieces (begin, end, column) of a delayed variable over a window."""
-        fitted, waiting, length = [], [(begin, end, 0)], float(self.lengths[k])
+        length = float(self.lengths[k])
         if end - length <= self.begin + self.same:
             return [(begin, end, np.zeros(DELAY_ROWS + DELAY_TERMS * self.m))]
-        allowed = self._allowed(k)
-        while waiting:
-            a, b, depth = waiting.pop()
-            column, error = self._piece(k, a, b)
-            if depth < DELAYS.halvings and np.any(error > allowed) and (b - a) > DELAYS.shortest * self.same:
-                waiting += [((a + b) / 2, b, depth + 1), (a, (a + b) / 2, depth + 1)]
-            else:
-                fitted.append((a, b, column))
-        return fitted
+        fitted, allowed = list[tuple[float, float, Array]](), self._allowed(k)
+        a, b = np.array([begin]), np.array([end])
+        for depth in range(DELAYS.halvings + 1):  # all intervals of one length in one call
+            columns, errors = self._pieces(k, a, b)
+            split = np.any(errors > allowed, axis=1) & (b - a > DELAYS.shortest * self.same) & (depth < DELAYS.halvings)
+            fitted += [(float(a[n]), float(b[n]), columns[n]) for n in np.flatnonzero(~split)]
+            if not split.any():
+                break
+            a, b = a[split], b[split]
+            middle = (a + b) / 2
+            a, b = np.column_stack([a, middle]).ravel(), np.column_stack([middle, b]).ravel()
+        return sorted(fitted, key=lambda piece: piece[0])
 
-    def _piece(self, k: int, a: float, b: float) -> tuple[Array, Array]:
-        """The column of a piece, v, t_0, r, then the coefficients of the variable and of its sensitivities; and the errors
-        (1 + m,) of the interpolation, also at the samples of the history, between which a short motion may lie."""
+    def _pieces(self, k: int, a: Array, b: Array) -> tuple[Array, Array]:
+        """The columns (N, .) of pieces from a to b (N,): v, t_0, r, then the coefficients of the variable and of its
+        sensitivities; and the errors (N, 1 + m) of the interpolation, also at the samples of the history, between which a
+        short motion may lie."""
         middle, half, length = (a + b) / 2, (b - a) / 2, float(self.lengths[k])
-        at = middle - length + half * np.concatenate([_NODES, _BETWEEN])
-        values = self._history(k, at)
-        terms = values[:, :DELAY_TERMS] @ _TO_TERMS.T
-        error = np.abs(terms @ _CHECKED.T - values[:, DELAY_TERMS:]).max(axis=1)
-        stretches = slice(max(bisect_right(self.starts, a - length) - 1, 0), bisect_left(self.starts, b - length))
-        for stretch in self.stretches[stretches]:
-            first, last = np.searchsorted(stretch.times, (a - length, b - length))
-            if last > first:
-                chosen = np.linspace(first, last - 1, min(last - first, DELAYS.piece_samples)).astype(int)
-                powers = np.vander((stretch.times[chosen] - middle + length) / half, DELAY_TERMS, increasing=True)
-                samples = stretch.values[np.ix_(chosen, self._rows[k])].T
-                error = np.maximum(error, np.abs(terms @ powers.T - samples).max(axis=1) / DELAYS.scatter)
-        slope = np.append(terms[0, 1:] * np.arange(1, DELAY_TERMS), 0.0) / half
-        terms[1:] -= self.moved[k][:, None] * slope
-        return np.concatenate([[1.0, middle, 1 / half], terms.ravel()]), error
+        at = (middle - length)[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
+        values = self._history(k, at.ravel()).reshape(1 + self.m, *at.shape).swapaxes(0, 1)
+        terms = values[:, :, :DELAY_TERMS] @ _TO_TERMS.T
+        errors = np.abs(terms @ _CHECKED.T - values[:, :, DELAY_TERMS:]).max(axis=2)
+        allowed = self._allowed(k)
+        for n in np.flatnonzero(np.all(errors <= allowed, axis=1)):
+            stretches = slice(max(bisect_right(self.starts, a[n] - length) - 1, 0), bisect_left(self.starts, b[n] - length))
+            for stretch in self.stretches[stretches]:
+                first, last = np.searchsorted(stretch.times, (a[n] - length, b[n] - length))
+                if last > first:
+                    chosen = np.linspace(first, last - 1, min(last - first, DELAYS.piece_samples)).astype(int)
+                    powers = np.vander((stretch.times[chosen] - middle[n] + length) / half[n], DELAY_TERMS, increasing=True)
+                    samples = stretch.values[np.ix_(chosen, self._rows[k])].T
+                    errors[n] = np.maximum(errors[n], np.abs(terms[n] @ powers.T - samples).max(axis=1) / DELAYS.scatter)
+        slopes = np.pad(terms[:, 0, 1:] * np.arange(1, DELAY_TERMS), ((0, 0), (0, 1))) / half[:, None]
+        terms[:, 1:] -= self.moved[k][:, None] * slopes[:, None, :]
+        return np.column_stack([np.ones(len(a)), middle, 1 / half, terms.reshape(len(a), -1)]), errors
 
     # -- inputs ----------------------------------------------------------------------------------------------------
     def inputs(self, times: Array) -> tuple[Array, Array]:
@@ -420,12 +429,13 @@ class Delays:
             allowed = self._allowed(k)
             if edges[-1] - self.lengths[k] > self.begin + self.same:
                 while waiting:
-                    a, b = waiting.pop()
-                    column, error = self._piece(k, float(edges[a]), float(edges[b]))
-                    if b - a > 1 and np.any(error > allowed):
-                        waiting += [((a + b) // 2, b), (a, (a + b) // 2)]
-                    else:
-                        whole[:, a:b] = column[:, None]
+                    found, errors = self._pieces(k, edges[[a for a, _ in waiting]], edges[[b for _, b in waiting]])
+                    tried, waiting = waiting, []
+                    for (a, b), column, error in zip(tried, found, errors, strict=True):
+                        if b - a > 1 and np.any(error > allowed):
+                            waiting += [(a, (a + b) // 2), ((a + b) // 2, b)]
+                        else:
+                            whole[:, a:b] = column[:, None]
             columns.append(whole)
         return np.vstack(self._stacked(columns))
 
