@@ -124,7 +124,9 @@ export class Differences {
   /** The list for the panel. @returns {Node[]} */
   list() {
     if (!this.other) return [];
-    const { studio } = this, found = this.found ?? [];
+    const { studio } = this;
+    /** @type {any[]} */
+    const found = this.found ?? [];
     const entry = (/** @type {any} */ d) => {
       const part = d.about === "part" ? d.mark !== "removed" && d.path : d.about === "value" ? this.part(d) : "", node = d.about === "wire" && studio.view?.nodes?.[d.path] ? d.path : "";
       const go = part ? () => studio.panel.hierarchy.selectPath(part) : node ? () => studio.pick("node", node) : null;

@@ -52,7 +52,7 @@ export function askName(title, words, first, act, button = "Make", more = undefi
   const dialog = /** @type {HTMLDialogElement} */ (byId("ask")), form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
   const input = el("input", { id: "ask-name", value: first, spellcheck: "false", autocomplete: "off" });
   const wrong = el("p", { class: "wrong", role: "alert" });
-  form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, more, wrong,
+  form.replaceChildren(el("b", {}, title), el("br"), el("label", { for: "ask-name" }, words), input, ...(more ? [more] : []), wrong,
     el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main" }, button)));
   form.onsubmit = (event) => {
     event.preventDefault();

@@ -36,7 +36,8 @@ export class Hierarchy {
         const owner = this.owner(path);
         below.set(owner, [...(below.get(owner) ?? []), path]);
       }
-      const list = (/** @type {string} */ owner, /** @type {number} */ level) => (below.get(owner) ?? []).map((path) => el("li", { role: "treeitem", "data-path": path, tabindex: "-1", "aria-level": level, "aria-selected": "false",
+      /** @type {(owner: string, level: number) => HTMLElement[]} */
+      const list = (owner, level) => (below.get(owner) ?? []).map((path) => el("li", { role: "treeitem", "data-path": path, tabindex: "-1", "aria-level": level, "aria-selected": "false",
         "aria-expanded": below.has(path) ? String(this.unfolded.has(path)) : null, "aria-label": `${path.slice(owner ? owner.length + 1 : 0)}, ${parts[path].kind}` },
       el("span", { class: "row" }, el("span", { class: "mark", "aria-hidden": "true" }), path.slice(owner ? owner.length + 1 : 0), " ", el("span", { class: "kind" }, parts[path].kind)),
       below.has(path) ? el("ul", { role: "group" }, ...list(path, level + 1)) : null));
