@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import signal
@@ -120,3 +121,17 @@ def test_an_interrupt_while_the_compiler_runs_is_not_lost(tmp_path: Path, monkey
     with pytest.raises(KeyboardInterrupt):
         machine_code.with_compiled_equations(lambda options: ca.integrator("i", "idas", {"x": x, "ode": -x}, 0, 1, options))
     assert clock.perf_counter() - began < 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no sigtimedwait")
+def test_no_interrupt_is_lost_when_a_program_begins_that_ignores_it() -> None:
+    """system(3) ignores the signal in the whole process until its program has ended."""
+    libc = ctypes.CDLL(None)
+    for k in range(8):
+        timer = threading.Timer(0.001 + 0.003*k, os.kill, (os.getpid(), signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):  # noqa: PT012
+            timer.start()
+            machine_code._in_thread(lambda: libc.system(b"sleep 0.05"))
+            clock.sleep(0.05)
+        timer.join()
+        clock.sleep(0.06)  # the program of the thread that goes on

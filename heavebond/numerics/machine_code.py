@@ -117,7 +117,8 @@ def with_compiled_equations(make: Made) -> ca.Function:
 
 def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
     """The result of `build` in a thread; RuntimeError if it fails. CasADi calls the compiler by system(3), during which the
-    whole process ignores interrupts. So that Ctrl-C is not lost, the main thread restores the handler periodically."""
+    whole process ignores interrupts. So that Ctrl-C is not lost, the main thread blocks the signal, since a blocked signal
+    is not ignored, waits for it, and passes it to the handler."""
     results: list[ca.Function | Exception] = []
 
     def run() -> None:
@@ -127,11 +128,21 @@ def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
             results.append(error)
 
     thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
-    thread.start()
-    while thread.is_alive():
-        thread.join(AGAIN)
-        if handler is not None and current_thread() is main_thread():
-            signal.signal(signal.SIGINT, handler)
+    if current_thread() is not main_thread() or sys.platform != "linux" or handler is None:
+        thread.start()
+        thread.join()
+    else:
+        mask, interrupted = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}), False
+        try:
+            thread.start()
+            while thread.is_alive() and not interrupted:
+                interrupted = signal.sigtimedwait({signal.SIGINT}, AGAIN) is not None
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if interrupted:
+            signal.signal(signal.SIGINT, handler)  # ignored while the compiler runs
+            signal.raise_signal(signal.SIGINT)
+            thread.join()  # if the handler returns
     if isinstance(result := results[0], Exception):
         raise RuntimeError(str(result)) from result
     return result
