@@ -113,7 +113,7 @@ def test_an_interrupt_while_the_compiler_runs_is_not_lost(tmp_path: Path, monkey
     def interrupt() -> None:
         while not Path(f"{slow}.runs").exists():
             clock.sleep(0.01)
-        clock.sleep(0.2)  # ten times as long as between two looks
+        clock.sleep(0.2)  # many times as long as between two looks
         os.kill(os.getpid(), signal.SIGINT)
 
     x, began = ca.SX.sym("x"), clock.perf_counter()

@@ -8,7 +8,7 @@
    between. The history is a ring in the memory of the run.
    A. Bellen, M. Zennaro, Numerical Methods for Delay Differential Equations, Oxford 2003, chap. 3, 4. */
 
-enum { TERMS = 8, ROWS = 3 + TERMS, STENCIL = 8, FIRST_NODES = 8, FIRST_INNER = 6, INNER = 3, LEVELS = 8, PIECE_HALVINGS = 40 };
+enum { STENCIL = 8, FIRST_NODES = 8, FIRST_INNER = 6, INNER = 3, LEVELS = 8, PIECE_HALVINGS = 40 };
 static const double APART = 0.25;        /* least distance of points of a stencil, over that of the two around a time */
 static const double PIECE_ERROR = 0.1;   /* error of a piece over the tolerance of a step */
 static const double DELAY_SHARE = 0.25;  /* longest step, relative to the shortest delay */
@@ -189,14 +189,6 @@ static const char *next_return(const Values *now, double *instant) {
   for (k = 0; k < model_n_d && !wrong; ++k)
     if (h->next[k] < h->breaks) *instant = fmin(*instant, h->at[h->next[k] % BREAKS] + T[k]);
   return wrong;
-}
-
-static double delayed_now(const Values *now, int k) {
-  const double *row = now->u + model_n_u + k * ROWS;
-  double value = 0, s = row[2] * (now->t - row[1]);
-  int j;
-  for (j = TERMS - 1; j >= 0; --j) value = value * s + row[3 + j];
-  return row[0] > 0 ? value : now->p[model_d_before[k]];
 }
 
 /* Discontinuities that return now: the pieces of the delayed variables change, and a source may then have a discontinuity. */

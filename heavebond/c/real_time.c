@@ -18,7 +18,7 @@
 
 #include "rosenbrock.c"
 
-enum { PARTS = 4, LOCATING = 4, TERMS = 8, ROWS = 3 + TERMS, STENCIL = 6, LEVELS = 2, NO_LEVEL = 99 };
+enum { PARTS = 4, LOCATING = 4, STENCIL = 6, LEVELS = 2, NO_LEVEL = 99 };
 static const double TINY = 1e-140; /* values below it become 0: operations on denormal numbers take ten times as long */
 static const double MARGIN = 1e-7; /* delay of an event after its condition, in steps, so that the condition is true */
 static const double APART = 0.1;   /* least distance of two points of a stencil, over the distance of the two around a time */
@@ -147,14 +147,6 @@ static const char *set_pieces(struct model_run *run, double end) {
   }
   now->fresh = false;
   return wrong;
-}
-
-static double delayed_now(const Values *now, int k) {
-  const double *row = now->u + model_n_u + k * ROWS;
-  double value = 0, s = row[2] * (now->t - row[1]);
-  int j;
-  for (j = TERMS - 1; j >= 0; --j) value = value * s + row[3 + j];
-  return row[0] > 0 ? value : now->p[model_d_before[k]];
 }
 
 /* Discontinuities that leave the delays now: the pieces of the delayed variables change. */

@@ -1,5 +1,6 @@
 /* The values of a run, their evaluation and start. `History` is defined before. */
 enum { PASSED = 500 }; /* number of stored events, to detect events without end */
+enum { TERMS = 8, ROWS = 3 + TERMS }; /* of the polynomial of a delayed variable, and of its rows of u */
 
 /* the state of the events of the diagram, and the next instants of events of time */
 typedef struct {
@@ -123,4 +124,13 @@ static void set_point(Values *now, double t, const double *y) {
   memcpy(now->x, y, sizeof(double) * model_n_x);
   memcpy(now->z, y + model_n_x, sizeof(double) * model_n_z);
   now->fresh = false;
+}
+
+/* The value of a delayed variable, by its polynomial; before the first source the value is constant. */
+static double delayed_now(const Values *now, int k) {
+  const double *row = now->u + model_n_u + k * ROWS;
+  double value = 0, s = row[2] * (now->t - row[1]);
+  int j;
+  for (j = TERMS - 1; j >= 0; --j) value = value * s + row[3 + j];
+  return row[0] > 0 ? value : now->p[model_d_before[k]];
 }

@@ -33,7 +33,7 @@ COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O1", "-ffp-contract=off", "-fno-semantic-interposition")
 CLONE_FS = 0x200  # of Linux: what a thread no longer shares with the others, its current folder among it
 MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
-AGAIN = 0.02  # s between two looks at a thread that compiles
+AGAIN = 0.002  # s between two looks at a thread that compiles
 Made = Callable[[Mapping[str, Any]], ca.Function]  # an integrator with these options besides its own
 
 
@@ -128,9 +128,14 @@ def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
             results.append(error)
 
     thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
-    if current_thread() is not main_thread() or sys.platform != "linux" or handler is None:
+    if current_thread() is not main_thread() or handler is None:
         thread.start()
         thread.join()
+    elif sys.platform != "linux":  # without sigtimedwait: an interrupt within AGAIN after the begin of the compiler is lost
+        thread.start()
+        while thread.is_alive():
+            thread.join(AGAIN)
+            signal.signal(signal.SIGINT, handler)
     else:
         mask, interrupted = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}), False
         try:

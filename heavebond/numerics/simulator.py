@@ -405,9 +405,10 @@ class Simulator:
         if self.looks_between and self.dense:  # stops at the passages of one run are not those of the next run of a search
             for repeats_left in reversed(range(NARROW.passes)):
                 unresolved = self._stepped_over(assembly, first, found)
-                if len(unresolved) and not repeats_left:
+                if not len(unresolved):
+                    break
+                if not repeats_left:
                     remarks["stepped_over"] = unresolved
-                if not len(unresolved) or not repeats_left:
                     break
                 self.kinks = np.union1d(self.kinks, unresolved)
                 self._place_stops()
