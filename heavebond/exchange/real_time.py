@@ -22,7 +22,7 @@ from heavebond.exchange.c_code import METHODS, SOURCES, FixedStepProgram, c_name
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array
-from heavebond.numerics.fixed_step import amplification
+from heavebond.numerics.fixed_step import amplification, longest_step
 from heavebond.numerics.output_times import Time, largest_step_of, step_of
 
 
@@ -171,13 +171,7 @@ def stability_limit(matrix: Array, fourth_order: bool, step: float) -> float | N
     def grows(h: float) -> bool:
         return bool(np.any(amplification(h * eigenvalues, fourth_order) > 1))
 
-    if not grows(step):
-        return None
-    low, high = 0.0, step
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (low, middle) if grows(middle) else (middle, high)
-    return low
+    return longest_step(grows, step)
 
 
 def header_text(exported: Portable, prefix: str, program: FixedStepProgram) -> str:

@@ -21,7 +21,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import ModelError, Place, Problem, listing
+from heavebond.core.errors import ModelError, Place, Problem, Problems, listing
 from heavebond.core.numerals import number
 from heavebond.core.presentation import count
 from heavebond.core.quoting import file_stem
@@ -193,11 +193,11 @@ class _Reader:
 
     def __init__(self, path: Path):
         self.path = path
-        self.problems: list[Problem] = []
+        self.problems = Problems()
         self.notes: list[Untranslated] = []
 
     def problem(self, code: str, message: str, line: int, hint: str = "") -> None:
-        self.problems.append(Problem(code, message, Place(self.path.name, line), hint))
+        self.problems.add(code, message, Place(self.path.name, line), hint=hint)
 
     def values(self, element: Element | None, attribute: str, default: tuple[float, ...]) -> Array:
         """The finite numbers of an attribute, as many as `default` has."""
@@ -230,7 +230,7 @@ class _Reader:
         xx, xy, xz, yy, yz, zz = (self.value(tensor, f"i{pair}") for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))
         J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         principal = np.linalg.eigvalsh(J)
-        if any(problem.code == "urdf-number" for problem in self.problems):
+        if any(problem.code == "urdf-number" for problem in self.problems.found):
             pass  # the values are not known
         elif m < 0 or (m == 0 and J.any()):
             self.problem("urdf-mass", f"the link '{name}' has a mass of {m:g} kg" + (" and an inertia" if m == 0 else ""),
@@ -333,13 +333,11 @@ def read_urdf(path: Path) -> Robot:
         reader.problem("urdf-link", "the robot has no links", top.line, 'Add `<link name="base"/>`.')
     if not reader.problems:
         _check_tree(reader, links, joints)
-    if reader.problems:
-        raise ModelError(reader.problems)
+    reader.problems.raise_as()
     root = next(name for name in links if all(joint.child != name for joint in joints.values()))
     robot = Robot(top.attributes.get("name", "") or path.stem, links, joints, root, ())
     _check_inertia(reader, robot)
-    if reader.problems:
-        raise ModelError(reader.problems)
+    reader.problems.raise_as()
     meshes = [element for element in _inside(top) if element.tag == "mesh"]
     if meshes:
         what = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only; see the shape `mesh` of `view:`"

@@ -105,10 +105,7 @@ def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], cr
     """The design of gains; `tied` maps the name of each gain to the parameters with its value."""
     names = list(tied)
     _check_gains(names, crossover, bandwidth, phase_margin)
-    margin = None if phase_margin is None else np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
-    if margin is not None and not 0 < margin < np.pi:
-        raise UsageError([Problem("design-margin", f"the phase margin is {np.degrees(margin):.4g} deg: it must be above 0 "
-                                  "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
+    margin = None if phase_margin is None else _margin(phase_margin)
     state_spaces = loops(diagram, signal, at)
     known = state_spaces.points.assembly.parameter_values
     state_spaces.points.assembly.parameter_indices([parameter for each in tied.values() for parameter in each])
@@ -119,10 +116,7 @@ def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], cr
         parts = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
         return _gains(parts, margin, names, frequency)
 
-    subject, prescribed = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
-    assert prescribed is not None
-    frequency = _number(prescribed, "Hz", subject)
-    _check_frequency(frequency, subject, singles[0].highest)
+    subject, frequency = _prescribed(crossover, bandwidth, singles[0].highest)
     if subject == "bandwidth":
         band = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
         frequency = _crossover_for(frequency, lambda crossover: complex(np.dot(gains_at(crossover), band)))
@@ -188,6 +182,28 @@ def _number(value: float | str, base: str, subject: str, *, degrees: bool = Fals
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, problem.hint)]) from None
     return float(np.degrees(number)) if degrees else number
+
+
+def _margin(phase_margin: float | str) -> float:
+    """A phase margin in rad; UsageError outside 0 to 180 degrees."""
+    margin = float(np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True)))
+    if not 0 < margin < np.pi:
+        raise UsageError([Problem("design-margin", f"the phase margin is {np.degrees(margin):.4g} deg: it must be above 0 "
+                                  "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
+    return margin
+
+
+def _prescribed(crossover: float | str | None, bandwidth: float | str | None, highest: float) -> tuple[str, float]:
+    """The one of crossover and bandwidth that is given, and its frequency in Hz; UsageError if it is not below `highest`."""
+    subject, text = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
+    assert text is not None
+    frequency = _number(text, "Hz", subject)
+    if not 0 < frequency < highest:
+        sampled = f"half the sampling rate of the loop, {highest:.4g} Hz" if highest < np.inf else "infinity"
+        raise UsageError([Problem("design-frequency", f"the {subject} is {frequency:.4g} Hz: it must be above 0 and below "
+                                  f"{sampled}", None, f"Give another --{subject}, for example '"
+                                  f"{min(0.5, highest / 10):.2g} Hz'.")])
+    return subject, frequency
 
 
 def _gains(parts: Sequence[complex], margin: float | None, names: Sequence[str], frequency: float) -> Array:
@@ -277,16 +293,10 @@ def design_lead(model: ModelOrFile, signal: str, block: str, *, crossover: float
     diagram = loaded(model)
     names = [f"{block}.{name}" for name in ("k", "T_1", "T_2")]
     _check_gains(names[:2], crossover, bandwidth, phase_margin)
-    margin = np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
-    if not 0 < margin < np.pi:
-        raise UsageError([Problem("design-margin", f"the phase margin is {np.degrees(margin):.4g} deg: it must be above 0 "
-                                  "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
+    margin = _margin(phase_margin)
     state_spaces = _loops_through(diagram, signal, block, names, "LeadLag", at)
     plain = open_loop(state_spaces.at(dict(zip(names, (1.0, 1.0, 1.0), strict=True))))
-    subject, prescribed = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
-    assert prescribed is not None
-    frequency = _number(prescribed, "Hz", subject)
-    _check_frequency(frequency, subject, plain.highest)
+    subject, frequency = _prescribed(crossover, bandwidth, plain.highest)
     target = np.exp(1j * (margin - np.pi))
 
     def compensator(at_crossover: float, factor: complex) -> Array:
@@ -471,14 +481,6 @@ def _loops_through(diagram: Model, signal: str, block: str, names: Sequence[str]
         raise UsageError([Problem("design-block", f"'{block}' is not a {kind}", None,
                                   f"Name a {kind}{_of_diagram(blocks)}.")])
     return state_spaces
-
-
-def _check_frequency(frequency: float, subject: str, highest: float) -> None:
-    if not 0 < frequency < highest:
-        sampled = f"half the sampling rate of the loop, {highest:.4g} Hz" if highest < np.inf else "infinity"
-        raise UsageError([Problem("design-frequency", f"the {subject} is {frequency:.4g} Hz: it must be above 0 and below "
-                                  f"{sampled}", None, f"Give another --{subject}, for example '"
-                                  f"{min(0.5, highest / 10):.2g} Hz'.")])
 
 
 def _designed(diagram: Model, signal: str, values: Mapping[str, float], loop: StateSpace, found: Stability, crossover: float,

@@ -47,6 +47,17 @@ def amplification(z: Array, fourth_order: bool) -> Array:
     return np.asarray(np.abs(1 + z + (z**2 / 2 + z**3 / 6 + z**4 / 24 if fourth_order else 0)))
 
 
+def longest_step(grows: Callable[[float], bool], step: float) -> float | None:
+    """The longest step (s) with which no motion grows, by bisection of `grows`; None if no motion grows with `step`."""
+    if not grows(step):
+        return None
+    low, high = 0.0, step
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return low
+
+
 class FixedStep:
     """An integration with steps of `integrand.longest`, called as the other integrators are. RuntimeError if a value
     overflows or if Newton's method of backward Euler fails."""
@@ -131,13 +142,7 @@ class FixedStep:
             factor = amplification(h * eigenvalues, self._cubic)
             return bool(np.any(np.log(np.maximum(factor, 1.0)) * (steps * self._step / h) > np.log(GROWTH)))
 
-        if not grows(self._step):
-            return None
-        low, high = 0.0, self._step
-        for _ in range(30):
-            middle = (low + high) / 2
-            low, high = (low, middle) if grows(middle) else (middle, high)
-        return low
+        return longest_step(grows, self._step)
 
     def _solved(self, t: float, before: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
         """The states and algebraic unknowns at the end of a step of backward Euler, by Newton's method from those at its
