@@ -148,19 +148,19 @@ def _periods(exported: Portable) -> Array:
 def notes(exported: Portable, solver: str | None, step: Time | None) -> list[str]:
     """Notes on the step of an exported program: events within steps, and an explicit method that is unstable with this step
     at the start of the run."""
-    model, found = exported.assembly.model, list[str]()
+    model, remarks = exported.assembly.model, list[str]()
     method, length = _method(model, solver), step_of(model, step)
     parts = [event.name for event, period in zip(exported.events, _periods(exported).tolist(), strict=True)
              if event.period is not None and period > 0 and abs(period / length - round(period / length)) > REAL_TIME.same]
     if parts:
-        found.append(f"{listing(parts, 3)}: the period is not a multiple of the step; its instants divide steps")
+        remarks.append(f"{listing(parts, 3)}: the period is not a multiple of the step; its instants divide steps")
     if method in ("euler", "rk4") and exported.states:
         n = len(exported.states)
         matrix = np.array(exported.jacobian(*_start(exported))[0]).reshape(n, n)
         if np.all(np.isfinite(matrix)) and (limit := stability_limit(matrix, method == "rk4", length)) is not None:
-            found.append(f"{method} is unstable with this step at the start of the run; its longest stable step is "
+            remarks.append(f"{method} is unstable with this step at the start of the run; its longest stable step is "
                          f"{limit:.2g} s. Type a shorter `--step`, or `--solver rosenbrock`.")
-    return found
+    return remarks
 
 
 def stability_limit(matrix: Array, fourth_order: bool, step: float) -> float | None:

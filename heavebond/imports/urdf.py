@@ -205,17 +205,17 @@ class _Reader:
         if element is None or text is None:
             return np.array(default)
         try:
-            found = [number(word) for word in text.split()]
+            numbers = [number(word) for word in text.split()]
         except ValueError:
-            found = []
-        if len(found) != len(default) or not np.all(np.isfinite(found)):
+            numbers = []
+        if len(numbers) != len(default) or not np.all(np.isfinite(numbers)):
             example = " ".join(f"{value:g}" for value in default)
             if len(default) == 1 and text.count(",") == 1:  # a decimal comma
                 example = text.strip().replace(",", ".")
             self.problem("urdf-number", f"<{element.tag}>: '{attribute}' is \"{text}\", expected "
                          f"{count(len(default), 'number')}", element.line, f"Write for example {attribute}=\"{example}\".")
             return np.array(default)
-        return np.array(found)
+        return np.array(numbers)
 
     def value(self, element: Element | None, attribute: str, default: float = 0.0) -> float:
         return float(self.values(element, attribute, (default,))[0])
@@ -340,22 +340,23 @@ def read_urdf(path: Path) -> Robot:
     reader.problems.raise_as()
     meshes = [element for element in _inside(top) if element.tag == "mesh"]
     if meshes:
-        what = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only; see the shape `mesh` of `view:`"
-        reader.notes.append(Untranslated("robot", meshes[0].line, what))
-    rest = Counter(child.tag for child in top.children if child.tag not in ("link", "joint", "material"))
-    reader.notes += [Untranslated("robot", next(child.line for child in top.children if child.tag == kind),
-                                  f"{count(n, f'<{kind}> element')}, not part of the mechanics") for kind, n in rest.items()]
+        sentence = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only; see the shape `mesh` of `view:`"
+        reader.notes.append(Untranslated("robot", meshes[0].line, sentence))
+    further_tags = Counter(child.tag for child in top.children if child.tag not in ("link", "joint", "material"))
+    for tag, n in further_tags.items():
+        line = next(child.line for child in top.children if child.tag == tag)
+        reader.notes.append(Untranslated("robot", line, f"{count(n, f'<{tag}> element')}, not part of the mechanics"))
     return Robot(robot.name, links, joints, root, tuple(reader.notes))
 
 
 def _inside(element: Element) -> list[Element]:
     """All elements below an element, in the order of the file."""
-    found, waiting = list[Element](), element.children[::-1]
+    elements, waiting = list[Element](), element.children[::-1]
     while waiting:
         child = waiting.pop()
-        found.append(child)
+        elements.append(child)
         waiting += child.children[::-1]
-    return found
+    return elements
 
 
 def _check_tree(reader: _Reader, links: dict[str, Link], joints: dict[str, Joint]) -> None:

@@ -377,14 +377,14 @@ def design_notch(model: ModelOrFile, signal: str, block: str, *, at: Time | None
     mode, ratio = min(near, key=lambda entry: abs(np.log(entry[0] / limit.frequency)))
     values = {names[0]: mode, names[1]: max(ratio, 0.0)}
     closed = state_spaces.at(values)
-    loop, found = open_loop(closed), closed.stability()
-    after = crossings(loop, found)
+    loop, stability = open_loop(closed), closed.stability()
+    after = crossings(loop, stability)
     if after.unstable or (after.gain_up is not None and not before.unstable and after.gain_up.value <= limit.value):
         raise UsageError([Problem("design-notch", f"a notch at {mode:.4g} Hz does not increase the gain margin of "
                                   f"{limit.value:.4g} at {limit.frequency:.4g} Hz", None, f"Give another {names[2]} (its "
                                   "width), or lower the gain of the loop first.")])
     crossover = after.least_phase.frequency if after.least_phase is not None else float("nan")
-    return _designed(diagram, signal, values, loop, found, crossover, at, points)
+    return _designed(diagram, signal, values, loop, stability, crossover, at, points)
 
 
 @dataclass(frozen=True)

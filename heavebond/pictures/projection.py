@@ -134,9 +134,9 @@ def polygons(solids: tuple[Solid, ...], k: int, times: Array, camera: Camera,
     before = np.zeros(len(parts), bool) if water is None else \
         np.array([(float(part.corners[:, 2].mean()) > water) == (eye[2] > water) for part in parts])
     order = np.lexsort((-depth, before))
-    found = [Polygon(seen[begin[i]:begin[i] + counts[i], :2], parts[i].face, parts[i].edge, parts[i].width) for i in order]
+    ordered = [Polygon(seen[begin[i]:begin[i] + counts[i], :2], parts[i].face, parts[i].edge, parts[i].width) for i in order]
     behind = int(np.count_nonzero(~before))
-    return [*found[:behind], *levels, *found[behind:]]
+    return [*ordered[:behind], *levels, *ordered[behind:]]
 
 
 def _cut(corners: Array, height: float, side: float) -> Array:
@@ -144,14 +144,14 @@ def _cut(corners: Array, height: float, side: float) -> Array:
     above = side * (corners[:, 2] - height)
     if (above >= 0).all():
         return corners
-    found: list[Array] = []
+    remaining: list[Array] = []
     for j in range(len(corners) if (above > 0).any() else 0):
         i = j - 1
         if (above[i] > 0) != (above[j] > 0) and (len(corners) > 2 or j > 0):
-            found.append(corners[i] + above[i] / (above[i] - above[j]) * (corners[j] - corners[i]))
+            remaining.append(corners[i] + above[i] / (above[i] - above[j]) * (corners[j] - corners[i]))
         if above[j] > 0:
-            found.append(corners[j])
-    return np.array(found).reshape(-1, 3)
+            remaining.append(corners[j])
+    return np.array(remaining).reshape(-1, 3)
 
 
 def middle(solid: Solid, k: int) -> Array:
@@ -176,9 +176,9 @@ def _pieces(solid: Solid, k: int, times: Array) -> list[Piece]:
         return [piece._replace(corners=own, inside=c["at"]) for piece, own in zip(unit, corners, strict=True)]
     if solid.kind == "trace":
         begin = times[k] - c["duration"][0] if c["duration"][0] > 0 else times[0]
-        way = solid.courses["at"].T[(times >= begin) & (np.arange(len(times)) <= k)][::max(1, k // 400)]
-        way = np.vstack([way, c["at"]])
-        return [Piece(way[j:j + 2], "line", 1.2) for j in range(len(way) - 1)]
+        path = solid.courses["at"].T[(times >= begin) & (np.arange(len(times)) <= k)][::max(1, k // 400)]
+        path = np.vstack([path, c["at"]])
+        return [Piece(path[j:j + 2], "line", 1.2) for j in range(len(path) - 1)]
     if solid.kind in AREAS:
         half = c["size"][:2] / 2
         corners = c["at"] + np.array([(x * half[0], y * half[1], 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
@@ -211,8 +211,8 @@ def _bar(kind: str, c: dict[str, Array]) -> list[Piece]:
 
     if kind == "line":
         parts = np.linspace(0.0, 1.0, 9)[:, None]
-        way = a + parts * (b - a)
-        return [Piece(way[j:j + 2], "line", 1.4) for j in range(8)]
+        path = a + parts * (b - a)
+        return [Piece(path[j:j + 2], "line", 1.4) for j in range(8)]
     if kind == "beam":
         pieces = max(1, min(8, int(length / (3 * width)))) if width > 0 else 1
         ends = np.linspace(0.0, length, pieces + 1)
@@ -227,8 +227,8 @@ def _bar(kind: str, c: dict[str, Array]) -> list[Piece]:
         ring = width / 2 * np.array([np.cos(angle), np.sin(angle)])
         coil = np.vstack([ring, length * (0.1 + 0.8 * turns)])
         ends = np.array([[0, 0, 0], [0, 0, 0.1 * length], [0, 0, 0.9 * length], [0, 0, length]]).T
-        way = rotated(turn, np.column_stack([ends[:, :2], coil, ends[:, 2:]])).T + a
-        return [Piece(way[j:j + 2], "line", 1.4) for j in range(len(way) - 1)]
+        path = rotated(turn, np.column_stack([ends[:, :2], coil, ends[:, 2:]])).T + a
+        return [Piece(path[j:j + 2], "line", 1.4) for j in range(len(path) - 1)]
     barrel = float(min(c["length"][0], length))
     rod = 0.45 * width if kind == "cylinder" else 0.25 * width
     return [*tube(0.0, barrel, width, look="full"), *tube(barrel, length, rod, look="soft")]
@@ -255,7 +255,7 @@ def cell_size(width: float) -> float:
 
 def _box(size: Array) -> list[Piece]:
     """The faces of a box, divided into parts of similar length, so that their depths sort correctly among other solids."""
-    found: list[Piece] = []
+    faces: list[Piece] = []
     parts = np.clip(np.round(size / max(float(np.median(size)), 0.2 * float(size.max()))), 1, PARTS).astype(int)
     steps = [np.linspace(-0.5, 0.5, n + 1) for n in parts]
     for axis in range(3):
@@ -266,8 +266,8 @@ def _box(size: Array) -> list[Piece]:
                     corners = np.full((4, 3), side)
                     corners[:, [one, other]] = [(a, c), (b, c), (b, d), (a, d)]
                     outer = (j == 0, i == parts[one] - 1, j == parts[other] - 1, i == 0)
-                    found.append(Piece(corners, "full", 0.0, np.zeros(3), tuple(k for k in range(4) if outer[k])))
-    return found
+                    faces.append(Piece(corners, "full", 0.0, np.zeros(3), tuple(k for k in range(4) if outer[k])))
+    return faces
 
 
 @cache

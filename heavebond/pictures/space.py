@@ -98,21 +98,21 @@ def _frames(assembly: Assembly) -> list[str]:
 def resolved(view: Mapping[str, ViewShape], assembly: Assembly) -> dict[str, ViewShape]:
     """A view in space with three formulas for each vector; ModelError for frames that the diagram does not have."""
     problems, frames = Problems(), _frames(assembly)
-    found: dict[str, ViewShape] = {}
+    resolved_shapes: dict[str, ViewShape] = {}
     for name, shape in view.items():
         for point in shape.points.values():
             if point.frame and point.frame not in frames:
                 _add_frame_problem(point, frames, assembly, problems)
             first = point.coordinates[0].text if point.coordinates and not point.frame else ""
             if first in frames:
-                given = ", ".join(formula.text for formula in point.coordinates)
+                coordinates = ", ".join(formula.text for formula in point.coordinates)
                 problems.add("view-point", f"'{first}' is a frame, and three coordinates along its axes follow it",
-                             point.place, hint=f"Write for example `[{given}, 0]`.")
+                             point.place, hint=f"Write for example `[{coordinates}, 0]`.")
         formulas = {key: _elements(shape, key, part, assembly, problems) if key in TRIPLES and len(part) == 1 else part
                     for key, part in shape.formulas.items()}
-        found[name] = replace(shape, formulas=formulas)
+        resolved_shapes[name] = replace(shape, formulas=formulas)
     problems.raise_as(ModelError)
-    return found
+    return resolved_shapes
 
 
 def _add_frame_problem(point: Point, frames: list[str], assembly: Assembly, problems: Problems) -> None:

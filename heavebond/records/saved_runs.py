@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 MARK = " (placeholder)"  # behind the name or unit of a signal that depends on a part without a law
-_HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\](?P<mark> \(placeholder\))?")
+_HEAD = re.compile(rf"(?P<name>.+) \[(?P<unit>[^\[\]]*)\](?P<mark>{re.escape(MARK)})?")
 LONGEST_NAME = 63  # largest length of the name of a MATLAB variable
 NEEDED = ("time", "model", "signals", "variables", "units")  # names of the description in a MAT file
 TAKEN = (*NEEDED, "solver", "placeholders")

@@ -26,14 +26,14 @@ def differences(before: Model, after: Model) -> list[Entry]:
     old, new = (expand_as_far(model)[0] for model in (before, after))
     kinds: list[Values] = [{path: (leaf.component.name, leaf.component.name) for path, leaf in e.leaves.items()}
                            for e in (old, new)]
-    other = {path for path in {**kinds[0], **kinds[1]} if kinds[0].get(path) != kinds[1].get(path)}
+    unequal_parts = {path for path in {**kinds[0], **kinds[1]} if kinds[0].get(path) != kinds[1].get(path)}
 
     def of_equal_parts(path: str) -> bool:
         """True if the parts around a path are of the same kind in both diagrams."""
         steps = path.split(".")
-        return not any(".".join(steps[:k]) in other for k in range(1, len(steps)))
+        return not any(".".join(steps[:k]) in unequal_parts for k in range(1, len(steps)))
 
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for about, values in (("part", kinds), ("value", [_values(e) for e in (old, new)]), ("wire", _wires(old, new)),
                           ("output", [_outputs(m) for m in (before, after)]),
                           ("start", [_starts(m) for m in (before, after)]), ("run", [_run(m) for m in (before, after)])):
@@ -43,9 +43,9 @@ def differences(before: Model, after: Model) -> list[Entry]:
             if (was and was[0]) == (now and now[0]) or (about in ("part", "value", "wire") and not of_equal_parts(path)):
                 continue
             mark = "added" if was is None else "removed" if now is None else "changed"
-            found.append({"about": about, "mark": mark, "path": path, "before": was[1] if was else "",
+            entries.append({"about": about, "mark": mark, "path": path, "before": was[1] if was else "",
                           "after": now[1] if now else ""})
-    return found
+    return entries
 
 
 def _values(expanded: Expanded) -> Values:
