@@ -6,6 +6,7 @@ import ctypes
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -131,7 +132,35 @@ def test_no_interrupt_is_lost_when_a_program_begins_that_ignores_it() -> None:
         timer = threading.Timer(0.001 + 0.003*k, os.kill, (os.getpid(), signal.SIGINT))
         with pytest.raises(KeyboardInterrupt):  # noqa: PT012
             timer.start()
-            machine_code._in_thread(lambda: libc.system(b"sleep 0.05"))
+            machine_code._in_thread(lambda _: libc.system(b"sleep 0.05"))
             clock.sleep(0.05)
         timer.join()
         clock.sleep(0.06)  # the program of the thread that goes on
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no sigtimedwait")
+def test_the_end_of_a_wait_by_another_event_is_no_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python 3.11 returns an arbitrary structure where an event other than the signal ends the call just before its
+    timeout: no run may end by it."""
+    monkeypatch.setattr(signal, "sigtimedwait", lambda *_: signal.struct_siginfo((5, 0, 0, 0, 0, 0, 0)))
+    built = ca.Function("built", [], [])
+
+    def build(_: str) -> ca.Function:
+        clock.sleep(0.02)  # many waits long
+        return built
+
+    assert machine_code._in_thread(build) is built
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no sigtimedwait")
+def test_a_script_that_is_interrupted_while_the_compiler_runs_ends_without_abort() -> None:
+    """The process waits for the thread that compiles: CasADi cannot end within a process that is about to end."""
+    script = ("import os, signal, threading, casadi as ca; from heavebond.numerics import machine_code; x = ca.SX.sym('x');"
+              "threading.Timer({0}, os.kill, (os.getpid(), signal.SIGINT)).start();"
+              "machine_code.with_compiled_equations(lambda o: ca.integrator('i', 'idas', {{'x': x, 'ode': -x}}, 0, 1, o))")
+    begun = [subprocess.Popen([sys.executable, "-c", script.format(0.01 * k)], stderr=subprocess.PIPE, text=True)
+             for k in range(1, 5)]
+    for process in begun:
+        _, errors = process.communicate()
+        assert process.returncode == -signal.SIGINT and errors.endswith("KeyboardInterrupt\n"), errors

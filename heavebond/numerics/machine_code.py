@@ -97,37 +97,37 @@ def worthwhile(seconds: float, operations: int) -> bool:
 def compiled(make: Made, flags: Sequence[str] = FLAGS) -> ca.Function:
     """The function that `make` builds, as machine code; RuntimeError if the compiler fails. (For methods that CasADi
     translates completely.)"""
-    with _folder() as folder:
-        return _in_thread(lambda: make(_options(folder, flags)))
+    return _in_thread(lambda folder: make(_options(folder, flags)))
 
 
 def with_compiled_equations(make: Made) -> ca.Function:
     """The integrator that `make` builds, with its equations as machine code. Raises RuntimeError if the compiler fails, or
     if the system does not permit a separate current folder of a thread, into which CasADi writes the C program of the
     equations."""
-    def build() -> ca.Function:
+    def build(folder: str) -> ca.Function:
         if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
             raise RuntimeError("a thread cannot have a separate current folder")
         os.chdir(folder)  # of this thread alone
         return make(_options(folder, FLAGS))
 
-    with _folder() as folder:
-        return _in_thread(build)
+    return _in_thread(build)
 
 
-def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
-    """The result of `build` in a thread; RuntimeError if it fails. CasADi calls the compiler by system(3), during which the
-    whole process ignores interrupts. So that Ctrl-C is not lost, the main thread blocks the signal, since a blocked signal
-    is not ignored, waits for it, and passes it to the handler."""
+def _in_thread(build: Callable[[str], ca.Function]) -> ca.Function:
+    """The result of `build`, which gets a folder for its files, in a thread; RuntimeError if it fails. CasADi calls the
+    compiler by system(3), during which the whole process ignores interrupts. So that Ctrl-C is not lost, the main thread
+    blocks the signal, since a blocked signal is not ignored, waits for it, and passes it to the handler."""
     results: list[ca.Function | Exception] = []
 
     def run() -> None:
         try:
-            results.append(build())
+            with _folder() as folder:
+                results.append(build(folder))
         except Exception as error:
             results.append(error)
 
-    thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
+    # not a daemon: at the end of the process CasADi would abort in a thread that Python no longer lets run
+    thread, handler = Thread(target=run), signal.getsignal(signal.SIGINT)
     if current_thread() is not main_thread() or handler is None:
         thread.start()
         thread.join()
@@ -141,7 +141,9 @@ def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
         try:
             thread.start()
             while thread.is_alive() and not interrupted:
-                interrupted = signal.sigtimedwait({signal.SIGINT}, AGAIN) is not None
+                received = signal.sigtimedwait({signal.SIGINT}, AGAIN)
+                # Python 3.11 returns an arbitrary structure where another event ended the call just before its timeout
+                interrupted = received is not None and received.si_signo == signal.SIGINT
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if interrupted:
