@@ -27,7 +27,7 @@ from heavebond.commands.progress_lines import progress_lines
 from heavebond.commands.terminal import PIPE_CLOSED, print_problems, warn
 from heavebond.core.cancellation import WORDS, clear_signal, is_interrupt, last_heard
 from heavebond.core.cancellation import listening as signals_heard
-from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.errors import FaultError, HeavebondError, Problem, UsageError, suggest
 from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 
@@ -111,7 +111,7 @@ class Commands(click.Group):
                 code, figures = self._run(given, prog_name)
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
-            code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
+            code = WRONG_USAGE if isinstance(error, UsageError) else OWN_FAULT if isinstance(error, FaultError) else AT_FAULT
             if is_interrupt(error):  # caused by a signal that a library has discarded
                 problems, code = _interrupted()
         except BrokenPipeError:

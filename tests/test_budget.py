@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -124,7 +126,7 @@ def test_the_answer_has_the_same_form_in_whatever_phase_the_time_ends() -> None:
 
 @pytest.mark.parametrize("position", ["before", "after"])
 def test_a_fault_in_a_phase_loses_nothing_that_was_known(
-        position: str, rig: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+        position: str, rig: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search ends by an exception before its first state, or after its last."""
     def broken(state: phases.State, task: phases.Task) -> Iterator[phases.State]:
         if position == "after":
@@ -138,5 +140,13 @@ def test_a_fault_in_a_phase_loses_nothing_that_was_known(
     assert diagnosis.words[0].startswith("The phase `search` ended by a fault") and diagnosis.partial
     assert diagnosis.ladder[-1].chi2_fit > 1
     assert [f.candidate.kind for f in diagnosis.findings] == (["dry friction"] if position == "after" else [])
+    if position == "before":  # a batch system sees it too
+        with pytest.warns(FaultWarning, match="`search` ended by a fault"):
+            answer = CliRunner().invoke(main, ["diagnose", str(rig.path), "--only", CLASSES[0], "--folder", str(tmp_path),
+                                               "--json", str(tmp_path / "out.json")])
+        written = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+        assert (tmp_path / "measured_report.html").exists()
+        assert answer.exit_code == 70 and "ended by a fault of heavebond itself" in answer.stderr
+        assert written["faults"] == written["words"][:1] and written["problems"][0]["code"] == "internal"
     with pytest.raises(FaultWarning):  # in the tests of the program it is an error
         diagnose(rig, number=1, classes=CLASSES)

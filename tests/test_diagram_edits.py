@@ -202,8 +202,13 @@ def test_a_layout_that_cannot_be_read_is_told_with_its_form() -> None:
                         ("notes: {a: {text: x, at: [1, z]}}", "the place of the note")):
         with pytest.raises(hb.ModelError, match=said):
             hb.loads(f"{CAR}layout: {{{entry}}}\n")
-    model = hb.loads(f"{CAR}layout: {{parts: {{absent: [3, 4]}}, wires: {{absent: [[1, 2, 1, 4]]}}}}\n")
-    assert str(hb.draw(model)) == str(hb.draw(hb.loads(CAR)))  # entries of nothing change nothing
+    with pytest.raises(hb.ModelError) as caught:
+        hb.loads(f"{CAR}layout: {{parts: {{bdy: [3, 4]}}, wires: {{absent: [[1, 2, 1, 4]]}}}}\n")
+    part, wire = caught.value.problems
+    assert (part.message, part.hint) == ("`layout:` has an entry for the component 'bdy', which does not exist",
+                                         "Did you mean 'body'?")
+    assert part.place is not None and part.place.text[part.place.column - 1:][:3] == "bdy"
+    assert wire.hint.startswith("Delete this entry, or write the name of a node: ")
 
 
 def test_a_variant_places_the_parts_that_it_inherits(tmp_path: Path) -> None:

@@ -164,6 +164,12 @@ def test_refused_range(text: str, code: str) -> None:
     assert caught.value.hint
 
 
+def test_a_range_of_unknown_unit_is_suggested_with_a_place_for_the_unit() -> None:
+    with pytest.raises(UnitProblem) as caught:
+        parse_range("30")
+    assert "`0 .. 30`, and after them the unit" in caught.value.hint and "kN*s/m" in caught.value.hint
+
+
 def test_dimensions_are_written_as_an_engineer_would() -> None:
     assert [dimension_text(read_unit(t).dimension) for t in ("kN/mm", "L/min", "bar", "1", "mm/h", "kg/s**3")] == \
         ["N/m", "m**3/s", "Pa", "1", "m/s", "kg/s**3"]

@@ -40,11 +40,13 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
     (NAME_report.html). Held-out records decide; without any, sections of the records are held out. Ctrl-C and SIGTERM end
     the search with the best result so far, which is written too (exit code 0 after Ctrl-C, 143 after SIGTERM).
+    If a part of the search ends by a fault of heavebond, the other results are written too, with exit code 70.
     NAME_refits.jsonl stores the completed refits until the search ends: --resume continues from them, also after a crash.
     """
     from heavebond.commands import terminal
     from heavebond.core.cancellation import Budget, Interrupted, finishing, last_heard
     from heavebond.core.cluster import connected
+    from heavebond.core.errors import FaultError
     from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.answer.files import Targets, write_findings, write_proposal
@@ -84,11 +86,11 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
-    if result.partial:
+    if result.partial and not result.faults:
         again = "with --resume continues" if kept_lines.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
                       f"more time than {seconds:g} s", soft_wrap=True)
-    else:
+    elif not result.partial:
         kept_lines.remove()
     if files and result.partial:
         console.print(f"to see its errors: heavebond compare {files[-1]}", soft_wrap=True)
@@ -103,6 +105,12 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
     if result.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
         raise Interrupted(number, figures)
+    if result.faults:
+        error = FaultError("a part of the search ended by a fault of heavebond itself, not of your files",
+                           hint="The answer above states the fault, and holds what was known before. Report it with the "
+                           "files of the command to who maintains heavebond for you.")
+        error.figures = figures
+        raise error
     return figures
 
 

@@ -84,8 +84,8 @@ class Problem:
 
 
 class HeavebondError(Exception):
-    """A user's mistake, or a model or record that cannot do what was requested; never a fault of the program. `figures`
-    are the results that were computed nevertheless, for the JSON file."""
+    """A user's mistake, or a model or record that cannot do what was requested; never a fault of the program, except for
+    FaultError. `figures` are the results that were computed nevertheless, for the JSON file."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
         self.figures: dict[str, object] = {}
@@ -127,6 +127,12 @@ class SimulationError(HeavebondError):
     """The integration could not reach the end."""
 
     default_code = "simulation"
+
+
+class FaultError(HeavebondError):
+    """A fault of heavebond ended a part of a command; `figures` holds the results that are known nevertheless."""
+
+    default_code = "internal"
 
 
 class RunWarning(UserWarning):

@@ -447,11 +447,15 @@ def parse_range(text: str, wanted: str | None = None) -> Range:
 
 
 def _range_hint(text: str, wanted: str | None) -> str:
-    """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one, in the unit `wanted`."""
-    if wanted not in (None, "1") and re.fullmatch(rf"\s*{NUMBER}\s*", text) and len(text) <= QUANTITY:
+    """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one, in the unit `wanted`
+    (None: unknown)."""
+    if wanted != "1" and re.fullmatch(rf"\s*{NUMBER}\s*", text) and len(text) <= QUANTITY:
         number = text.strip()
         spans = {True: f"0 .. {number}", False: f"{number} .. 0"}
         span = spans[float(number) > 0] if float(number) else "-1 .. 1"
+        if wanted is None:
+            return f"Write the lowest and the highest value, `{span}`, and after them the unit of the quantity, " \
+                "if it has one: `30 .. 70 kN*s/m`."
         return f"Write the lowest and the highest value with their unit, for example `{span} {wanted}`."
     signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
     for candidate in (signed, f"{text.strip()} +- 20 %"):

@@ -97,6 +97,7 @@ class Diagnosis(facade.Displayed):
     * reviews: for each step, the step in which its effect was compared again in the diagram with all others.
     * localization: unknown input of the first diagram for each place, if it was estimated; evidence for the upper levels of
       the `tree`.
+    * faults: sentences on parts of the search that ended by a fault of the program; `words` begins with them.
     """
 
     experiment: Experiment
@@ -119,10 +120,10 @@ class Diagnosis(facade.Displayed):
     restricted: bool = False
     reviews: tuple[Stage | None, ...] = ()
     localization: Localization | None = None
+    faults: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
-
 
     @property
     def partial(self) -> bool:
@@ -169,7 +170,7 @@ class Diagnosis(facade.Displayed):
         return {
             "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words),
             "probabilities": [e.as_dict() for e in self.events],
-            "partial": self.partial, "not_tried": list(self.untried),
+            "partial": self.partial, "not_tried": list(self.untried), "faults": list(self.faults),
             "left_out": [[{"candidate": label, "reason": reason} for label, reason in stage.excluded.items()]
                          for stage in self.steps],
             "lost": sorted({label for stage in self.steps for label in stage.lost}),
@@ -258,7 +259,7 @@ def _answer(state: State, task: Task) -> Diagnosis:
     if not state.steps or state.searched is None:
         words = (*state.faults, *before_search(state.models, state.base))
         return Diagnosis(state.given, "undetermined", words, state.models, (), (), (), None, state.base, noise,
-                         budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
+                         budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES), faults=state.faults)
     verdict, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
     words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
@@ -279,5 +280,5 @@ def _answer(state: State, task: Task) -> Diagnosis:
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
                                 next(iter(state.reviews), None)), bool(task.classes), state.reviews,
-                       state.localization)
+                       state.localization, state.faults)
     return replace(answer, words=(*wrong_channels(models[-1].comparison, state.added, state.given), *answer.words))

@@ -113,8 +113,7 @@ class _Parser:
             equations=equations, frames=self._frames(root.items.get("frames")),
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=events,
-            body=replace(reading.body(root, self.source, problems), layout=read_layout(
-                root.items.get("layout"), Layout(), problems)) if "components" in root.items else Body(),
+            body=self._body(root) if "components" in root.items else Body(),
             travel_time=self._formula(root, "travel_time"), opens=self._formula(root, "opens"),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
@@ -356,6 +355,12 @@ class _Parser:
         tree = Equation(self._by_members(tree.left), self._by_members(tree.right))
         # columns of the tree count from this place; it covers the whole equation
         return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
+
+    def _body(self, root: Mapping) -> Body:
+        """The components and nodes of a block, with their places in its drawing."""
+        body = reading.body(root, self.source, self.problems)
+        layout = read_layout(root.items.get("layout"), Layout(), self.problems, parts=body.instances, wires=body.wires)
+        return replace(body, layout=layout)
 
     def _formula(self, root: Mapping, key: str) -> Formula | None:
         node = root.items.get(key)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from heavebond.core.errors import Problems
+from collections.abc import Collection
+
+from heavebond.core.errors import Problems, listing, suggest
 from heavebond.core.numerals import whole
 from heavebond.language import reading
 from heavebond.language.definition import Layout, Note, PartPlace
@@ -14,34 +16,49 @@ LAYOUT_KEYS = ("parts", "wires", "notes")
 LONGEST_NOTE = 2000  # characters
 
 
-def read_layout(node: Node | None, base: Layout, problems: Problems) -> Layout:
-    """Read `layout:`, where `base` is the layout of the diagram that is extended. Entries of parts and nodes that do not
-    exist are kept; the drawing ignores them."""
+def read_layout(node: Node | None, base: Layout, problems: Problems, *, parts: Collection[str], wires: Collection[str]
+                ) -> Layout:
+    """Read `layout:` and add problems for mistakes.
+
+    * node: the section; None if the file has none.
+    * base: layout of the diagram that is extended. Its entries of parts that the file removes are kept; the drawing ignores
+      them.
+    * parts, wires: names of the parts and nodes that entries of this section may have.
+    """
     entries = reading.mapping(node, "layout", problems, "Write `layout: {parts: {spring: [12, 4]}}`.")
     if entries is None:
         return base
     reading.known_keys(entries, LAYOUT_KEYS, "`layout:`", problems)
-    parts, wires, notes = dict(base.parts), dict(base.wires), dict(base.notes)
-    for name, item in _items(entries, "parts", problems):
+    part_places, pieces_of_wires, notes = dict(base.parts), dict(base.wires), dict(base.notes)
+    for name, item in _items(entries, "parts", problems, parts, "component"):
         place = _part(name, item, problems)
         if place is not None:
-            parts[name] = place
-    for name, item in _items(entries, "wires", problems):
+            part_places[name] = place
+    for name, item in _items(entries, "wires", problems, wires, "node"):
         pieces = [_piece(name, piece, problems) for piece in item.items] if isinstance(item, Sequence) else [None]
         if not isinstance(item, Sequence):
             problems.add("layout-bad", f"the wire '{name}' in `layout:` is a list of pieces", item.place,
                          hint=f"Write for example `{name}: [[12, 4, 20, 4]]`.")
-        wires[name] = tuple(piece for piece in pieces if piece is not None)
+        pieces_of_wires[name] = tuple(piece for piece in pieces if piece is not None)
     for name, item in _items(entries, "notes", problems):
         note = _note(name, item, problems)
         if note is not None:
             notes[name] = note
-    return Layout(parts, wires, notes)
+    return Layout(part_places, pieces_of_wires, notes)
 
 
-def _items(entries: Mapping, key: str, problems: Problems) -> list[tuple[str, Node]]:
+def _items(entries: Mapping, key: str, problems: Problems, known: Collection[str] = (), noun: str = ""
+           ) -> list[tuple[str, Node]]:
+    """The entries of a section of `layout:`. If they have a `noun`, add a problem for each name that is not `known`."""
     section = reading.mapping(entries.items.get(key), f"layout.{key}", problems)
-    return list(section.items.items()) if section is not None else []
+    if section is None:
+        return []
+    for name in section.items if noun else ():
+        if name.partition("[")[0] not in known:  # an element of an array, `spring[2]`, may have a place
+            problems.add("layout-unknown", f"`layout:` has an entry for the {noun} '{name}', which does not exist",
+                         section.keys[name].place, hint=suggest(name, known) or "Delete this entry, or write the name of a "
+                         f"{noun}: {listing(known)}.")
+    return list(section.items.items())
 
 
 def _numbers(node: Node, count: int) -> list[int] | None:

@@ -334,7 +334,9 @@ def extended(base: Model, source: Source) -> Model:
                     values_by_name[parameter_name] = value
         parameters = {**base.parameters, **values_by_name}
         plan = read_plan(root.items.get("simulate"), problems)
-        layout = read_layout(root.items.get("layout"), base.body.layout, problems)
+        # the place of an inherited part that is removed may remain in the file, in case the part returns
+        layout = read_layout(root.items.get("layout"), base.body.layout, problems,
+                             parts={**base.body.instances, **instances}, wires={**base.body.wires, **wires})
         model = replace(
             base, name=reading.text(root.items["model"], "model", problems), path=source.path,
             summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -216,13 +217,23 @@ def _write_csv(run: SavedRun, path: Path) -> None:
     run.to_pandas().assign(**{ROWS_LEFT: range(len(run.time) - 1, -1, -1)}).to_csv(path)
 
 
+def exact_numbers() -> dict[str, Any]:
+    """The option with which `pandas.read_csv` reads each number to its last bit: none from pandas 3.1 on, which reads so in
+    any case and deprecates the option."""
+    import pandas as pd
+
+    texts = ("-21237.246935977935", "0.0012267216933965948", "4.337085021863684e-14")  # older versions miss the last bit
+    exact = pd.read_csv(StringIO("x\n" + "\n".join(texts)))["x"].to_list() == [float(text) for text in texts]
+    return {} if exact else {"float_precision": "round_trip"}
+
+
 def _read_csv(path: Path) -> SavedRun:
     import pandas as pd
 
     head = list(pd.read_csv(path, nrows=0).columns)
     if "time [s]" in head[:1] and ROWS_LEFT not in head[-1:]:
         raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which shows that no row is missing")
-    table = pd.read_csv(path, float_precision="round_trip")
+    table = pd.read_csv(path, **exact_numbers())
     if head[-1:] == [ROWS_LEFT]:
         check_rows_left(path, table.pop(ROWS_LEFT).to_numpy(float))
     return _from_table(table, path, path.stem)
