@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from functools import cached_property
+
+import numpy as np
 
 from heavebond.pictures.pictograms import MIRROR, SIDES, STRAIGHT, Matrix, Shape
 
@@ -21,13 +23,12 @@ BEND, BETWEEN, UNNATURAL = 45, 110, 50
 FAR, BEFORE = 0.02, 25
 TURNED = 2  # earlier rotations in the list are more usual
 SWEEPS, STARTS = 6, 5
+OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 MOST_MOVED = 40  # larger sheets are not improved, because each sweep tries every pair; parts stay next to their neighbours
 NEIGHBOURS = 6
 Cell = tuple[int, int]
-NUMBERS: dict[Matrix, int] = {(a, b, c, d): k for k, (a, b, c, d) in enumerate(product((-1, 0, 1), repeat=4))}
-# the cost of a wire between two ports: by the pair, their rotations (numbered) and their distance
-Known = dict[tuple[str, str, str, str], dict[tuple[int, int, int, int], float]]
 Place = tuple[int, int, str]  # x, y, side
+Exits = tuple[tuple[Place, float], ...]  # possible ends of a wire relative to a piece, with the cost of an unusual side
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,64 @@ class Piece:
                       and self.mirrored == (turn[0] * turn[3] < turn[1] * turn[2]))
         return exact or facing or turns
 
+    @cached_property
+    def different(self) -> tuple[tuple[int, Matrix], ...]:
+        """The first of the rotations that place all ports alike (a spring and its reflection), with its position among all:
+        a later one costs more and is never chosen."""
+        first: dict[tuple[Exits, ...], tuple[int, Matrix]] = {}
+        for k, turn in enumerate(self.turns):
+            first.setdefault(tuple(self.exits(port, turn) for port in self.ports), (k, turn))
+        return tuple(first.values())
+
+    def exits(self, port: str, turn: Matrix) -> Exits:
+        """Possible ends of a wire at a port of the rotated piece, relative to the piece."""
+        if self.side:
+            return (((0, 0, OPPOSITE[self.side]), 0.0),)
+        if self.shape is not None:
+            return tuple(((a.x, a.y, a.side), 0.0) for a in self.shape.turned(turn).of(port))
+        if port in self.ends:
+            side = ("left", "right")[(self.ends.index(port) + (turn == MIRROR)) % 2]
+            return (((40 * SIDES[side][0], 0, side), 0.0),)
+        usual = self.natural.get(port, tuple(SIDES))
+        return tuple(((40 * out[0], 25 * out[1], side), 0.0 if side in usual else UNNATURAL) for side, out in SIDES.items())
+
+
+class Wires:
+    """Costs of wires between ports by their exits, which many ports share, and by the distance of the pieces in cells."""
+
+    def __init__(self) -> None:
+        self.numbers: dict[Exits, int] = {}
+        self.exits: list[Exits] = []
+        self.costs: dict[tuple[int, int], dict[Cell, float]] = {}
+
+    def number(self, exits: Exits) -> int:
+        """The number of the exits of a port."""
+        if exits not in self.numbers:
+            self.numbers[exits] = len(self.exits)
+            self.exits.append(exits)
+        return self.numbers[exits]
+
+    def cost(self, one: int, two: int, across: int, down: int) -> float:
+        """Cost of the cheapest wire between exits `one` and exits `two`, which are so many cells to the right and below."""
+        costs = self.costs.get((one, two))
+        if costs is None:
+            costs = self.costs[one, two] = {}
+        cost = costs.get((across, down))
+        if cost is None:
+            cost = costs[across, down] = cheapest(self.exits[one], shifted(self.exits[two], across, down))[0]
+            self.costs.setdefault((two, one), {})[-across, -down] = cost
+        return cost
+
+
+def shifted(exits: Exits, across: int, down: int) -> Exits:
+    """Exits of a piece so many cells to the right and below."""
+    return tuple(((x + across * PITCH_X, y + down * PITCH_Y, side), extra) for (x, y, side), extra in exits)
+
+
+def cheapest(one: Exits, two: Exits) -> tuple[float, Place, Place]:
+    """The cheapest wire between two ports, and its ends."""
+    return min(((extra + more + wire_cost(p, q), p, q) for p, extra in one for q, more in two), key=lambda wire: wire[0])
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -75,18 +134,18 @@ def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) ->
     """Cells, rotations and sides for pieces that are connected by nets of (piece, port)."""
     free = [piece.name for piece in pieces if piece.at is None and not piece.side]
     few = len(free) <= MOST_MOVED
-    known: Known = {}
-    search = min((_searched(pieces, nets, first, few, known) for first in (free[:STARTS] if few else free[:1]) or [""]),
+    wires = Wires()
+    search = min((_searched(pieces, nets, first, few, wires) for first in (free[:STARTS] if few else free[:1]) or [""]),
                  key=lambda tried: tried.cost())
     cells = _compressed(search.cells, {p.name: p.side for p in pieces})
     return Placement(cells, dict(search.turns), search.sides(), search.leaving())
 
 
-def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool, known: Known
+def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool, wires: Wires
               ) -> _Search:
-    """A descent that begins with the free piece `first`: each start leads to another local minimum. `known` keeps costs
+    """A descent that begins with the free piece `first`: each start leads to another local minimum. `wires` keeps costs
     of wires from one descent to the next."""
-    search = _Search(pieces, nets, known)
+    search = _Search(pieces, nets, wires)
     search.begin(first)
     for _ in range(SWEEPS if few else 0):
         if not search.sweep():
@@ -112,7 +171,7 @@ def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell
 
 
 class _Search:
-    def __init__(self, pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], known: Known):
+    def __init__(self, pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], wires: Wires):
         self.pieces = {p.name: p for p in pieces}
         self.nets = [list(net) for net in nets]
         self.of: dict[str, list[int]] = {name: [] for name in self.pieces}
@@ -120,9 +179,10 @@ class _Search:
             for name in dict.fromkeys(n for n, _ in net):
                 self.of[name].append(k)
         self.on_edge = [p.name for p in pieces if p.side]
-        self.shapes: dict[tuple[str, Matrix], Shape] = {}
-        # for each net the cost of wires between its terminals, by two terminals
-        self.costs = [[[known.setdefault((*one, *two), {}) for two in net] for one in net] for net in self.nets]
+        self.wires = wires
+        # for each net its pieces, each with the number of the exits of its port by rotation
+        self.ends = [[(name, {turn: wires.number(self.pieces[name].exits(port, turn))
+                              for turn in (STRAIGHT, *self.pieces[name].turns)}) for name, port in net] for net in self.nets]
         self.cells: dict[str, Cell] = {}
         self.turns: dict[str, Matrix] = {}
         self.taken: dict[Cell, str] = {}
@@ -166,8 +226,8 @@ class _Search:
                     # and a damper in parallel
                     before = self.turns[first], self.turns[second]
                     best, chosen = self._cost_around([first, second]) - 1e-6, before
-                    for one in self.pieces[first].turns:
-                        for two in self.pieces[second].turns:
+                    for _, one in self.pieces[first].different:
+                        for _, two in self.pieces[second].different:
                             self.turns[first], self.turns[second] = one, two
                             cost = self._cost_around([first, second], best)
                             if cost < best:
@@ -230,29 +290,28 @@ class _Search:
 
     def _turn(self, name: str) -> None:
         """Rotate a piece to the lowest cost of its wires, the first rotation among equal ones."""
-        turns = self.pieces[name].turns
+        turns = self.pieces[name].different
         if len(turns) > 1:
-            best, chosen = math.inf, 0
-            for k, turn in enumerate(turns):
+            best, chosen = math.inf, turns[0][1]
+            for k, turn in turns:
                 self.turns[name] = turn
                 cost = self._cost_around([name], best - TURNED * k) + TURNED * k
                 if cost < best:
-                    best, chosen = cost, k
-            self.turns[name] = turns[chosen]
+                    best, chosen = cost, turn
+            self.turns[name] = chosen
 
     def _best(self, name: str) -> tuple[Cell, Matrix]:
         """The free cell and the rotation with the lowest cost of a removed piece."""
+        cells, turns = [cell for cell in self._choices(name) if cell not in self.taken], self.pieces[name].different
+        total = sum((self._net_costs(k, name, cells, [turn for _, turn in turns]) for k in self.of[name]),
+                    np.zeros((len(cells), len(turns))))
+        total += np.array([self._place_cost(name, cell) for cell in cells])[:, None]
+        total += [TURNED * k for k, _ in turns]
         best: tuple[float, Cell, Matrix] | None = None
-        for cell in self._choices(name):
-            if cell in self.taken:
-                continue
-            self.cells[name], self.taken[cell] = cell, name
-            for k, turn in enumerate(self.pieces[name].turns):
-                self.turns[name] = turn
-                cost = self._cost_around([name], best[0] - TURNED * k if best else math.inf) + TURNED * k
+        for cell, costs in zip(cells, total.tolist(), strict=True):
+            for (_, turn), cost in zip(turns, costs, strict=True):
                 if best is None or cost < best[0] - 1e-6:
                     best = cost, cell, turn
-            self._lift(name)
         assert best is not None
         return best[1], best[2]
 
@@ -283,11 +342,17 @@ class _Search:
             if total >= most:
                 return total
         for name in names:
-            if name in self.cells and not self.pieces[name].side:
-                c, r = self.cells[name]
-                total += FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
-                total += sum(BETWEEN for piece in self.on_edge if self._beyond_edge(piece, (c, r)))
+            if name in self.cells:
+                total += self._place_cost(name, self.cells[name])
         return total
+
+    def _place_cost(self, name: str, cell: Cell) -> float:
+        """Cost of a cell for a piece: distance from the first cell and from the edges of the sheet."""
+        if self.pieces[name].side:
+            return 0.0
+        c, r = cell
+        return (FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
+                + sum(BETWEEN for piece in self.on_edge if self._beyond_edge(piece, cell)))
 
     def _beyond_edge(self, neighbour: str, cell: Cell) -> bool:
         edge = self.cells.get(neighbour)
@@ -304,27 +369,66 @@ class _Search:
                 break
         return length
 
+    def _net_costs(self, k: int, name: str, cells: Sequence[Cell], turns: Sequence[Matrix]) -> np.ndarray:
+        """`_net_cost` with the removed piece `name` in each of some free cells with each of some rotations."""
+        ends = [(self.cells.get(end), numbers, end == name) for end, numbers in self.ends[k]]
+        fixed = [(cell, numbers[self.turns[end]]) for (cell, numbers, _), (end, _) in zip(ends, self.ends[k], strict=True)
+                 if cell is not None]
+        moved = [numbers for _, numbers, own in ends if own]
+        n = len(fixed) + len(moved)
+        cost = np.zeros((len(cells), len(turns), n, n))
+        for i, ((x, y), one) in enumerate(fixed):
+            for j, ((u, v), two) in enumerate(fixed[:i]):
+                cost[:, :, i, j] = self.wires.cost(one, two, u - x, v - y) + self._between(x, y, u, v)
+                if x == u or y == v:
+                    inside = [min(x, u) <= c <= max(x, u) and min(y, v) <= r <= max(y, v) for c, r in cells]
+                    cost[inside, :, i, j] += BETWEEN
+        for i, numbers in enumerate(moved, len(fixed)):
+            for j, ((u, v), two) in enumerate(fixed):
+                between = [self._between(c, r, u, v) for c, r in cells]
+                lengths = {one: [self.wires.cost(one, two, u - c, v - r) for c, r in cells]
+                           for one in {numbers[turn] for turn in turns}}
+                cost[:, :, i, j] = np.transpose([lengths[numbers[turn]] for turn in turns]) + np.reshape(between, (-1, 1))
+            for j, others in enumerate(moved[:i - len(fixed)], len(fixed)):
+                cost[:, :, i, j] = [self.wires.cost(numbers[turn], others[turn], 0, 0) for turn in turns]
+        cost += np.swapaxes(cost, 2, 3)
+        # Prim's tree for all cells and rotations at once
+        total, reach, waiting = np.zeros(cost.shape[:2]), cost[:, :, 0].copy(), np.ones(cost.shape[:3], dtype=bool)
+        waiting[:, :, 0] = False
+        for _ in range(n - 1):
+            reach[~waiting] = math.inf
+            nearest = reach.argmin(axis=2)[:, :, None]
+            total += np.take_along_axis(reach, nearest, 2)[:, :, 0]
+            np.put_along_axis(waiting, nearest, False, 2)
+            reach = np.minimum(reach, np.take_along_axis(cost, nearest[..., None], 2)[:, :, 0])
+        return total
+
+    def _between(self, x: int, y: int, u: int, v: int) -> int:
+        """Cost of the pieces between two cells of one row or column."""
+        if y == v:
+            return BETWEEN * sum((c, y) in self.taken for c in range(min(x, u) + 1, max(x, u)))
+        if x == u:
+            return BETWEEN * sum((x, r) in self.taken for r in range(min(y, v) + 1, max(y, v)))
+        return 0
+
     def _tree(self, k: int) -> Iterator[tuple[float, int, int]]:
         """The cheapest tree over the placed ends of a net (Prim): cost of each piece and the two ends that it joins."""
-        net, costs, cells, occupied = self.nets[k], self.costs[k], self.cells, self.taken
-        waiting, at = [], {}
-        for i, (name, _) in enumerate(net):
-            if name in cells:
-                waiting.append(i)
-                at[i] = *cells[name], NUMBERS[self.turns[name]]
+        cells, turns, occupied, known = self.cells, self.turns, self.taken, self.wires.costs
+        waiting = [(i, *cells[name], numbers[turns[name]])
+                   for i, (name, numbers) in enumerate(self.ends[k]) if name in cells]
         if len(waiting) < 2:
             return
-        reach, nearest = dict.fromkeys(waiting, (math.inf, 0)), waiting.pop(0)
+        reach, nearest = [(math.inf, 0)] * len(self.ends[k]), waiting.pop(0)
         while waiting:
-            j, (x, y, turn), known = nearest, at[nearest], costs[nearest]
+            j, x, y, one = nearest
             least = math.inf, 0
-            for i in waiting:
-                u, v, partner = at[i]
+            for end in waiting:
+                i, u, v, two = end
                 # the cost depends on the distance of the two only, so most of it has been computed before
-                key = turn, partner, u - x, v - y
-                cost = known[i].get(key)
+                costs = known.get((one, two))
+                cost = costs.get((u - x, v - y)) if costs else None
                 if cost is None:
-                    cost = known[i][key] = self._nearest(net[j], net[i])[0]
+                    cost = self.wires.cost(one, two, u - x, v - y)
                 if y == v:
                     for c in range(x + 1, u) if x < u else range(u + 1, x):
                         if (c, y) in occupied:
@@ -337,9 +441,9 @@ class _Search:
                 if (cost, j) < best_reach:
                     best_reach = reach[i] = cost, j
                 if best_reach < least:
-                    least, nearest = best_reach, i
+                    least, nearest = best_reach, end
             waiting.remove(nearest)
-            yield (*least, nearest)
+            yield (*least, nearest[0])
 
     def leaving(self) -> dict[str, frozenset[str]]:
         """The sides on which the trees of the nets leave each piece."""
@@ -347,33 +451,14 @@ class _Search:
         for k in range(len(self.nets)):
             for _, i, j in self._tree(k):
                 one, two = self.nets[k][i], self.nets[k][j]
-                _, p, q = self._nearest(one, two)
+                _, p, q = cheapest(self._places(*one), self._places(*two))
                 sides_by_piece[one[0]].add(p[2])
                 sides_by_piece[two[0]].add(q[2])
         return {name: frozenset(sides) for name, sides in sides_by_piece.items()}
 
-    def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
-        """The cheapest wire between two ports, and its ends."""
-        return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
-                    for q, more in self._places(*two)), key=lambda wire: wire[0])
-
-    def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
+    def _places(self, name: str, port: str) -> Exits:
         """Possible ends of a wire at a port, with the cost of an unusual side."""
-        piece = self.pieces[name]
-        x, y = self.cells[name][0] * PITCH_X, self.cells[name][1] * PITCH_Y
-        if piece.side:
-            return [((x, y, {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}[piece.side]), 0.0)]
-        if piece.shape is None:
-            if port in piece.ends:
-                side = ("left", "right")[(piece.ends.index(port) + (self.turns[name] == MIRROR)) % 2]
-                return [((x + 40 * SIDES[side][0], y, side), 0.0)]
-            usual = piece.natural.get(port, tuple(SIDES))
-            return [((x + 40 * out[0], y + 25 * out[1], side), 0.0 if side in usual else UNNATURAL)
-                    for side, out in SIDES.items()]
-        key = name, self.turns[name]
-        if key not in self.shapes:
-            self.shapes[key] = piece.shape.turned(self.turns[name])
-        return [((x + a.x, y + a.y, a.side), 0.0) for a in self.shapes[key].of(port)]
+        return shifted(self.pieces[name].exits(port, self.turns[name]), *self.cells[name])
 
     # -- sides -----------------------------------------------------------------------------------------------------
     def sides(self) -> dict[str, dict[str, list[str]]]:

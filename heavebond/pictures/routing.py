@@ -140,15 +140,17 @@ class _Router:
         goals = [(p % width, p // width) for p in (*ends, *lines)]
         best: dict[int, int] = {}
         came: dict[int, int] = {}
+        ahead: dict[int, int] = {}  # least cost from a point to the nearest goal
         heap: list[tuple[int, int, int]] = []
 
         def push(state: int, cost: int, before: int) -> None:
             if cost < best.get(state, 1 << 60):
                 best[state], came[state] = cost, before
                 point = state >> 2
-                x, y = point % width, point // width
-                ahead = min(abs(x - gx) + abs(y - gy) for gx, gy in goals)
-                heapq.heappush(heap, (cost + ahead * STEP, cost, state))
+                if point not in ahead:
+                    y, x = divmod(point, width)
+                    ahead[point] = STEP * min([abs(x - gx) + abs(y - gy) for gx, gy in goals])
+                heapq.heappush(heap, (cost + ahead[point], cost, state))
 
         for state, cost in self._beginnings(k, joined):
             push(state, cost, -1)
