@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import heavebond as hb
-from benchmarks.random_trees import Pinocchio, aligned_tree, diagram, mujoco_accelerations, random_tree
+from benchmarks.random_trees import Pinocchio, TreeBody, aligned_tree, diagram, mujoco_accelerations, random_tree
 from heavebond.core.errors import HeavebondError, ModelError
 from heavebond.language.library import library
 from heavebond.language.power_law import wrong_rates
@@ -23,12 +24,18 @@ G = 9.81
 TREES = range(20)
 
 
+@cache
+def _moving_tree(seed: int) -> tuple[list[TreeBody], hb.Result]:
+    """A random tree and its motion in a second."""
+    bodies = random_tree(2 + seed % 7, seed)
+    return bodies, hb.simulate(hb.loads(diagram(bodies)), rtol=1e-10)
+
+
 @pytest.mark.parametrize("seed", TREES)
 def test_accelerations_of_a_random_tree_by_pinocchio(seed: int) -> None:
     """Rounding of some thousand operations: 1e-9 of the largest acceleration."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
-    bodies = random_tree(2 + seed % 7, seed)
-    run = hb.simulate(hb.loads(diagram(bodies, 1e-3)))
+    bodies, run = _moving_tree(seed)
     expected = Pinocchio(bodies).accelerations(np.array([b.q for b in bodies]), np.array([b.v for b in bodies]))
     found = np.array([run[f"a_{k}"][0] for k in range(len(bodies))])
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
@@ -60,8 +67,7 @@ def test_accelerations_of_an_aligned_chain_by_pinocchio(seed: int) -> None:
 @pytest.mark.parametrize("seed", TREES)
 def test_accelerations_of_a_random_tree_by_mujoco(seed: int) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    bodies = random_tree(2 + seed % 7, seed)
-    run = hb.simulate(hb.loads(diagram(bodies, 1e-3)))
+    bodies, run = _moving_tree(seed)
     expected = mujoco_accelerations(bodies)
     found = np.array([run[f"a_{k}"][0] for k in range(len(bodies))])
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
@@ -71,9 +77,8 @@ def test_accelerations_of_a_random_tree_by_mujoco(seed: int) -> None:
 def test_the_motion_of_a_random_tree_by_pinocchio(seed: int) -> None:
     """Pinocchio's accelerations, integrated by SciPy to 1e-11; 1e-6 of the largest displacement in a second."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
-    bodies = random_tree(2 + seed % 7, seed)
+    bodies, run = _moving_tree(seed)
     n, tree = len(bodies), Pinocchio(bodies)
-    run = hb.simulate(hb.loads(diagram(bodies)), rtol=1e-10)
     start = [*(b.q for b in bodies), *(b.v for b in bodies)]
     expected = solve_ivp(lambda t, y: np.append(y[n:], tree.accelerations(y[:n], y[n:])), (0, 1), start, "DOP853", run.time,
                          rtol=1e-11, atol=1e-11)
