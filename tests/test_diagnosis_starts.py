@@ -93,6 +93,8 @@ def test_an_effect_is_found_beside_wrong_starts(tmp_path: Path) -> None:
     given = load_experiment(path)
     (written,) = write_findings(given, found.findings, Targets.beside(given, tmp_path / "found"))
     assert load_experiment(written).free["initial.cart.x"].each
+    # and without another fit, `heavebond compare` shows the errors of the answer
+    assert all(part.chi2 < 1.3 for part in hb.compare(written).parts)
     assert hb.fit(written).chi2 < 1.2
 
 

@@ -419,7 +419,8 @@ def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, 
     best = min(costs, key=lambda time: costs[time])
     step = float(grid[1] - grid[0])
     ends = max(low, best - step), min(high, best + step)
-    minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": INSTANT * (high - low)})
+    with np.errstate(invalid="ignore"):  # of infinite costs: the minimiser then halves its interval
+        minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": INSTANT * (high - low)})
     best = min(costs, key=lambda time: costs[time])
     near = costs[best] + INSTANT_UNSEEN * max(1.0, costs[best] / max(1, int(run.counts.sum())))
     return float(next((end for end in (low, high) if cost(end, near) <= near), best))

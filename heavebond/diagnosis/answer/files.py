@@ -52,10 +52,17 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
             for name, p in sought.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
     free.update({name: free_text(f) for name, f in newly_separate.items()})
-    of_records = {record: [f"{name}: {quoted(newly_separate[name].range.unit.written(value))}"
-                           for name, value in fitted_of_record.items()
-                           if name in newly_separate and not name.startswith(INITIAL)]
-                  for record, fitted_of_record in finding.fit.record_values.items()}
+    # the values that differ between records are in the diagram for none of them
+    of_records: dict[str, str] = {}
+    for record, fitted_of_record in finding.fit.record_values.items():
+        separate = {name: quoted(finding.fit.experiment.free[name].range.unit.written(value))
+                    for name, value in fitted_of_record.items()}
+        entries = {"set": {name: text for name, text in separate.items() if not name.startswith(INITIAL)},
+                   "initial": {name.removeprefix(INITIAL): text for name, text in separate.items() if name.startswith(INITIAL)}}
+        texts = [f"{key}: {{{', '.join(f'{name}: {text}' for name, text in values.items())}}}"
+                 for key, values in entries.items() if values]
+        if texts:
+            of_records[record] = f"{{{', '.join(texts)}}}"
     # inputs that the diagnosis smooths although their file does not request it
     smoothed = {name: f"{{column: {quoted(file_input.column)}, unit: {quoted(file_input.unit)}, "
                       f"interpolation: {file_input.interpolation}, {'gaps: bridge, ' if file_input.bridge else ''}"
@@ -65,8 +72,7 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
-             *block("records", {record: f"{{set: {{{', '.join(values)}}}}}" for record, values in of_records.items()
-                                if values}),
+             *block("records", of_records),
              *block("inputs", {**smoothed, **{new: old for old, new in change.moved.items()}}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]
