@@ -30,6 +30,7 @@ from heavebond.numerics.simulator import Simulator, Tolerances
 # Residual at every sample of a failed run in standard deviations, or in ranges of the measured values if that is larger (a
 # channel with a range of a thousand times its noise): worse than any useful run.
 BROKEN, FAR = 1e4, 100.0
+DIVERGED = 1e100  # a run with a residual or a derivative above this has failed too: sums of their squares would overflow
 # A parameter within this share of its range from an end of it counts as being at the end.
 AT_END = 1e-3
 ROUNDED = 1e-13  # share of an end of a range by which a logarithm may miss it
@@ -367,7 +368,8 @@ class Residuals:
             if error.problems[0].code == "run-physical":
                 self.limit_passed = error.problems[0]
             return _broken(run)
-        return (wrong, slopes) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(slopes)) else _broken(run)
+        largest = max(float(np.abs(wrong).max(initial=0.0)), float(np.abs(slopes).max(initial=0.0)))
+        return (wrong, slopes) if largest < DIVERGED else _broken(run)  # false for NaN
 
     def broken(self, inner: Array) -> float:
         """The share of the fitted samples in records whose runs fail."""

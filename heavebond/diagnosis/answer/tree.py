@@ -321,8 +321,9 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
         for curve, weight in zip(known.curves, weights / max(float(weights.sum()), 1e-300), strict=True):
             names = frozenset(step.places.as_one.get(name, name) for name in curve.where)
             place = ("", names - step.places.grounds or names, frozenset[str]())
-            level_names = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
-            leaves.append(Leaf((MACHINE, place, curve.kind, OUTSIDE), (*level_names[:3], NO_LAW), mass * float(weight)))
+            system = MEASURING if curve.kind == "measurement" else MACHINE
+            level_names = words.get((place, curve.kind), (system, curve.place, kind_words(curve.kind, None, False)))
+            leaves.append(Leaf((system, place, curve.kind, OUTSIDE), (*level_names[:3], NO_LAW), mass * float(weight)))
     elif localization is not None and localization.missing and localization.suspects:
         leaves = _localized(step, localization, mass, temperature)
     else:

@@ -159,6 +159,11 @@ class Candidate:
         return self.kind == UNKNOWN and any(n.follows and n.unit.text in ("m", "rad") for n in self.numbers)
 
     @property
+    def curve_of_channel(self) -> bool:
+        """True for an identified curve over the value of a measured channel."""
+        return self.kind == UNKNOWN and self.attaches == "channel"
+
+    @property
     def varies(self) -> bool:
         """True if the candidate varies a parameter of the diagram with a variable, with time or between records."""
         return self.attaches == "parameter" or bool(self.change.each)

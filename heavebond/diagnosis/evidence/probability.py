@@ -101,8 +101,8 @@ def percent(probability: float) -> str:
 class Event:
     """An event that can explain the records, and its probability.
 
-    * kind: class of an effect; for an identified curve, the type of its variable (rate or displacement); otherwise the name
-      of the event.
+    * kind: class of an effect; for an identified curve, the type of its variable (rate or displacement), or what it does
+      to a signal (measurement, transport); otherwise the name of the event.
     * place, where: place of an effect or a curve, in words and as names.
     * labels: candidates of an effect.
     """
@@ -298,7 +298,9 @@ def _flexible(adequacy: Adequacy | None, stage: Stage) -> tuple[tuple[Event, ...
     curves = list(best.values())
     law = min([adequacy.law, *(t for t in stage.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
     weights = law_weights([law, *curves], penalised=False)  # no penalty: a curve represents laws with few numbers
-    return tuple(Event("displacement" if c.candidate.curve_of_displacement else "rate", 0.0, c.candidate.place,
+    return tuple(Event("measurement" if c.candidate.attaches == "channel" or c.candidate.change.moved else
+                       "transport" if c.candidate.attaches == "input" else
+                       "displacement" if c.candidate.curve_of_displacement else "rate", 0.0, c.candidate.place,
                        c.candidate.where, (c.candidate.label,)) for c in curves), \
         {t: relative[1:] / max(float(relative[0]), 1e-6) for t, relative in weights.items()}
 

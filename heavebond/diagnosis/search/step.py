@@ -54,6 +54,7 @@ from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.residuals import Residuals
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
+from heavebond.numerics.result import Probe
 
 CLOSELY = 6  # maximum number of candidates that are refitted to full convergence for the comparison,
 CLOSE = 0.05  # those whose ln(chi-square) is within this of the best one
@@ -435,6 +436,8 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
         return "the motion there goes in one direction only"
     if candidate.curve_of_displacement and not retraced(_displacements(candidate, base)):
         return "the motion there passes most positions only once, so that a curve over the position is one over time"
+    if candidate.curve_of_channel and not retraced(_signals(candidate, base)):
+        return "the channel passes most values only once, so that a curve over its value is one over time"
     return ""
 
 
@@ -465,9 +468,19 @@ def _reverses(candidate: Candidate, base: Base) -> bool:
     return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths)
 
 
+def _signals(candidate: Candidate, base: Base) -> list[Array]:
+    """The simulated course (N,) of the channel of a candidate in each fitted record."""
+    output = base.problem.experiment.outputs[candidate.where[0]]
+    courses = []
+    for run in (base.exact[run.record.name] for run in base.problem.runs):
+        result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
+        courses.append(Probe(run.assembly, [output.shown.text], si=True).values(result)[0])
+    return courses
+
+
 def retraced(displacements: Sequence[Array]) -> bool:
     """True if at least half of the positions that the motions (N,) reach are passed more than once, by all motions
-    together."""
+    together. The positions may be values of any signal."""
     low, high = (min((float(x.min()) for x in displacements), default=0.0),
                  max((float(x.max()) for x in displacements), default=0.0))
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS

@@ -284,7 +284,7 @@ def _elsewhere(packed_data: bytes, function: Callable[..., T], *job: Any) -> T:
 def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, progress: Progress | None = None) -> list[Score]:
     try:
         return scored(base, candidate, shared)
-    except RuntimeError:  # of CasADi: one candidate that it cannot evaluate does not end a search
+    except (RuntimeError, np.linalg.LinAlgError):  # one candidate that cannot be evaluated does not end a search
         return []
 
 
@@ -300,5 +300,5 @@ def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any],
             return refit
     try:
         return work(base, *job, progress)
-    except RuntimeError:  # as in `_scored`; a refit keeps what it had
+    except (RuntimeError, np.linalg.LinAlgError):  # as in `_scored`; a refit keeps what it had
         return job[0] if isinstance(job[0], Refit) else None
