@@ -6,9 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
+import heavebond as hb
+from heavebond.diagnosis.answer.sentences import opposite_signs
 from heavebond.diagnosis.candidates.places import candidates
-from heavebond.diagnosis.search.step import _courses, _meaningless, fitted_base
+from heavebond.diagnosis.search.refit import at_end_of, begun, borrowed, refitted_at
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import _courses, _meaningless, _step, fitted_base
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import BROKEN, Residuals
 
@@ -48,10 +53,11 @@ def test_a_curve_over_a_channel_that_moves_one_way_is_no_candidate(tmp_path: Pat
     written(tmp_path, "coast.yaml", COAST)
     experiment = load_experiment(written(tmp_path, "coasted.yaml", COASTED))
     base = fitted_base(experiment)
-    (curve,) = [c for c in candidates(experiment) if c.curve_of_channel]
-    assert "most values only once" in _meaningless(curve, base, _courses(base)[0])
-    others = [c for c in candidates(experiment) if c.kind == curve.kind and c.attaches == "across"]
-    assert others and not any("channel" in _meaningless(c, base, _courses(base)[0]) for c in others)
+    proposed, courses = candidates(experiment), _courses(base)[0]
+    (curve,) = [c for c in proposed if c.curve_of_channel]
+    assert "most values only once" in _meaningless(curve, base, courses)
+    others = [c for c in proposed if c.kind == curve.kind and c.attaches == "across"]
+    assert others and not any("channel" in _meaningless(c, base, courses) for c in others)
 
 
 def test_a_run_whose_derivatives_overflow_when_squared_has_failed(tmp_path: Path) -> None:
@@ -78,3 +84,92 @@ def test_a_run_whose_derivatives_overflow_when_squared_has_failed(tmp_path: Path
     assert np.all(r >= BROKEN) and not slopes.any()
     r, slopes = problem.evaluate(np.array([problem.columns[0].inner(1.0)]))
     assert np.abs(r).max() < 1 and slopes.any()
+
+
+SWING = """
+model: swing
+components:
+  rod:    {is: Inertia, J: 7.2e-3 kg*m**2}
+  weight: {is: ArmWeight, m: 0.107 kg, l: 0.23 m}
+  frame:  {is: FixedShaft}
+nodes:
+  pivot: [rod.a, weight.a]
+  frame: [frame.a]
+initial: {pivot.phi: 0.9 rad, pivot.w: 0 rad/s}
+simulate: {until: 20 s, every: 50 ms}
+"""
+SWUNG = """
+experiment: swung
+model: swing.yaml
+records: {one: {file: swing.csv, use: fit}}
+time: {column: time, unit: s}
+outputs: {pivot.phi: {column: pivot.phi, unit: rad, noise: 2 mrad}}
+free: {rod.J: 6.6e-3 .. 7.6e-3 kg*m**2}
+"""
+
+
+def test_a_refit_out_of_phase_begins_again_from_the_free_parameters_of_a_better_law(tmp_path: Path) -> None:
+    """Dry friction of a pendulum whose refit ended several swings out of phase, beside damping that is in phase."""
+    written(tmp_path, "swing.yaml", SWING)
+    truth = SWING.replace("model: swing", "model: truth").replace(
+        "  frame:  {is: FixedShaft}", "  frame:  {is: FixedShaft}\n"
+        "  dry:    {is: RotationalCoulombFriction, M_c: 2 mN*m}").replace("weight.a]", "weight.a, dry.a]").replace(
+        "[frame.a]", "[frame.a, dry.b]")
+    run = hb.simulate(written(tmp_path, "truth.yaml", truth))
+    noise = np.random.default_rng(1).normal(0, 2e-3, len(run.time))
+    pd.DataFrame({"time": run.time, "pivot.phi": run["pivot.phi"] + noise}).to_csv(tmp_path / "swing.csv", index=False)
+    base = fitted_base(load_experiment(written(tmp_path, "swung.yaml", SWUNG)))
+    found = {c.component: c for c in candidates(base.problem.experiment) if set(c.where) == {"frame", "pivot"}}
+    dry, damper = found["RotationalCoulombFriction"], found["RotationalDamper"]
+    guesses = scored(base, dry)
+    lender = refitted_at(base, damper, {"rotational_damper.d": 2e-4, "rod.J": 7.2e-3}, {})
+    first = begun(base, dry, guesses)
+    assert lender is not None and first is not None
+    away = first.inner.copy()
+    away[0] = base.problem.columns[0].inner(6.7e-3)
+    wrong = at_end_of(base, dry, guesses, {n.name: (0.0, first.experiment.free[n.name].range.high) for n in dry.numbers
+                                           if n.amplitude}, away)
+    right = borrowed(base, wrong, guesses, lender)
+    assert wrong.chi2_fit > 1000 and right.chi2_fit < 1.2
+    assert right.values["rotational_coulomb_friction.M_c"] == pytest.approx(2e-3, rel=0.02)
+
+
+RIG = """
+model: rig
+components:
+  machine: {is: PositionSource, u: 0 m}
+  cell:    {is: ForceSensor}
+  piston:  {is: ForceSource, u: 100 N}
+nodes:
+  jaw: [machine.a, cell.a]
+  rod: [cell.b, piston.a]
+simulate: {until: 4 s}
+"""
+PULLED = """
+experiment: pulled
+model: rig.yaml
+records: {one: {file: one.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {machine.u: {column: x, unit: m, interpolation: linear}}
+outputs: {cell.y: {column: F, unit: N, noise: 0.1 N}}
+"""
+
+
+def test_friction_of_the_wrong_sign_points_to_the_sign_of_an_input(tmp_path: Path) -> None:
+    """The displacement counts the other way, so that the friction of the rod seems to give energy."""
+    t = np.linspace(0, 4, 401)
+    friction = 5 * np.sign(np.cos(np.pi * t)) + np.random.default_rng(1).normal(0, 0.1, len(t))
+    written(tmp_path, "rig.yaml", RIG)
+    path = written(tmp_path, "pulled.yaml", PULLED)
+    hints = []
+    for sign in (1, -1):
+        pd.DataFrame({"t": t, "x": -sign * 0.02 * np.sin(np.pi * t), "F": 100 + friction}).to_csv(
+            tmp_path / "one.csv", index=False)
+        experiment = load_experiment(path)
+        laws = [c for c in candidates(experiment) if c.where == ("rod",)
+                and c.component in ("CoulombFriction", "Damper", "Spring")]
+        stage = _step(experiment, laws, 1, 60.0, lambda text: None)
+        hints.append(opposite_signs(stage, experiment))
+    assert not hints[0]
+    assert hints[1][0].startswith("Dry friction between rod and the surroundings of the opposite sign") \
+        and "the measured input machine.u (`factor: -1`)" in hints[1][0]

@@ -32,11 +32,13 @@ from heavebond.diagnosis.answer.sentences import (
     VALUES,
     acting_as_values,
     before_search,
+    better_values,
     broken_candidates,
     closed_loops,
     equivalent_value_words,
     left_out_words,
     lost_candidates,
+    opposite_signs,
     passed_conditions,
     residual_notes,
     search_limits,
@@ -264,6 +266,9 @@ def _answer(state: State, task: Task) -> Diagnosis:
     first = models[0].comparison
     words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
              *map(equivalent_value_words, state.values),
+             *(better_values(state.value_step, steps[0], [t.candidate.name for t in state.values])
+               if state.unexplained else ()),
+             *(opposite_signs(steps[0], state.experiment) if verdict in ("shape", "undetermined") else ()),
              *acting_as_values(findings, steps, [t.candidate.name for t in state.values]),
              *(state.separation.words if state.separation is not None else ()),
              *(effect.doubt for effect in state.doubtful),

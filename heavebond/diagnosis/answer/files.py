@@ -57,8 +57,8 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     for record, fitted_of_record in finding.fit.record_values.items():
         separate = {name: quoted(finding.fit.experiment.free[name].range.unit.written(value))
                     for name, value in fitted_of_record.items()}
-        entries = {"set": {name: text for name, text in separate.items() if not name.startswith(INITIAL)},
-                   "initial": {name.removeprefix(INITIAL): text for name, text in separate.items() if name.startswith(INITIAL)}}
+        entries = {"set": {n: text for n, text in separate.items() if not n.startswith(INITIAL)},
+                   "initial": {n.removeprefix(INITIAL): text for n, text in separate.items() if n.startswith(INITIAL)}}
         texts = [f"{key}: {{{', '.join(f'{name}: {text}' for name, text in values.items())}}}"
                  for key, values in entries.items() if values]
         if texts:

@@ -18,9 +18,9 @@ from heavebond.diagnosis.answer.verdict import held_out_or_fitted, is_still, mis
 from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import loss
+from heavebond.diagnosis.evidence.comparison import ALL, loss
 from heavebond.diagnosis.evidence.flexible_laws import OTHER_CAUSES, Adequacy, Remainder
-from heavebond.diagnosis.evidence.prediction import FITTED
+from heavebond.diagnosis.evidence.prediction import FITTED, share_taken
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage
@@ -282,6 +282,45 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
 def equivalent_value_words(trial: Refit) -> str:
     """Sentence on another value of a fixed parameter that explains the misfit as well as an effect."""
     return f"The diagram without an effect comes as near to the noise with {_revalued(trial)}: check that value."
+
+
+def better_values(values: Stage | None, first: Stage, known: Sequence[str]) -> list[str]:
+    """Sentence on other values of fixed parameters that explain most of the misfit without any effect, and more of it than
+    the first effect alone. `values` is the step of all fixed values, `first` the first step; parameters in `known` are
+    left out."""
+    effect = first.chosen
+    if values is None or values.partial or first.errors is None or (effect is not None and effect.candidate.kind == VALUE):
+        return []
+    largest = loss(effect) if effect is not None else math.inf
+    trials = sorted((t for t in values.trials if t.candidate.kind == VALUE and t.errors is not None
+                     and t.candidate.name not in known and loss(t) < largest
+                     and share_taken(first.errors, t.errors, *ALL) >= DECISION.mainly), key=loss)
+    near = [t for t in trials if loss(t) <= (1 + DECISION.material) * loss(trials[0])]
+    if not near:
+        return []
+    one = len(near) == 1
+    alone = "" if effect is None else f", with {called(effect.candidate)} alone {number(largest, 3)}"
+    return [f"Without any effect, {joined([*map(_revalued, near[:MENTIONED])], 'or')} explains "
+            f"{_share(share_taken(first.errors, near[0].errors, *ALL))} % of the misfit (chi-square of all predictions "
+            f"{number(loss(near[0]), 3)}{alone}): check {'that value' if one else 'these values'}, or put "
+            f"{'it' if one else 'one of them'} under `free:` and diagnose again."]
+
+
+def opposite_signs(first: Stage, experiment: Experiment) -> list[str]:
+    """Sentence on a law that would explain most of the misfit if it gave energy instead of dissipating it: an input or a
+    channel may have the wrong sign."""
+    recorded = [name for record in experiment.records.values() for name in experiment.inputs_for(record)]
+    library = first.experiment.model.library
+    shares = {s.candidate.label: (s.z**2 / first.cost, s.candidate) for s in sorted(first.scores, key=lambda s: abs(s.z))
+              if s.z < 0 and not s.signed and first.cost > 0
+              and library.component(s.candidate.component).dissipates is not None and s.candidate.attaches == "across"}
+    share, candidate = max(shares.values(), key=lambda pair: pair[0], default=(0.0, None))
+    if candidate is None or not recorded or share < DECISION.mainly:
+        return []
+    name, inputs = f"{candidate.kind[0].upper()}{candidate.kind[1:]}", list(dict.fromkeys(recorded))
+    return [f"{name} {candidate.place} of the opposite sign, which would give energy to the machine, would explain about "
+            f"{_share(share)} % of the misfit. Check the signs: of the measured {'input' if len(inputs) == 1 else 'inputs'} "
+            f"{listing(inputs)} (`factor: -1`) and of the channels (`is: -(...)`)."]
 
 
 def _revalued(trial: Refit) -> str:

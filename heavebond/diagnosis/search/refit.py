@@ -120,6 +120,10 @@ WIDENED = 2  # maximum number of times that the range of an amplitude is widened
 ASIDE = 0.02  # a limit without influence is moved to this share of its range from the end,
 UNFELT = 4.0  # if chi-square rises by at most this (two standard deviations), in units of the residual per sample
 CLOSE = 1e-8  # relative change of the sum of squares at which a refit for a close comparison ends
+# Amplitudes of a scan, in units of a first value, and the factors by which the best of them is then changed.
+SCAN = tuple(2.0 ** k for k in range(-8, 9))
+CLOSER = (2.0**0.5, 2.0**0.25, 2.0**0.125)
+SHAPES = 2  # number of shape choices of the scores in a scan
 # Another start than the best one is continued if the ratio of their sums of squares is in this interval: it is not the same
 # point, and may still become the best one.
 ANOTHER = (1.001, 3.0)
@@ -250,6 +254,25 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
         return trial
 
 
+def borrowed(base: Base, trial: Refit, guesses: Sequence[Score], lender: Refit, progress: Progress | None = None) -> Refit:
+    """Refit a candidate from the free parameters of a better law at the same place. Its amplitude there is found by a scan.
+
+    Far from the optimum the sum of squares of an oscillating machine has a local minimum for each cycle by which the model
+    is out of phase, and a refit from the base model may end in one of them. With the free parameters of a law that leaves
+    far less, the model is in phase. The result is `trial` if the refit does not end with a smaller sum of squares.
+    """
+    try:
+        refit, say = _RefitProblem(base, trial.candidate, guesses, trial.finer), progress or (lambda text: None)
+        refit.sought({name: trial.experiment.free[name].range for name in refit.ranges})
+        start = refit.scanned(_lent(lender, trial.candidate), lender.own, trial)
+        if start is None:
+            return trial
+        better = refit.judged(refit.follow([refit.descend(start, say, FIRST, 1e-4)], say))
+        return better if better.cost < trial.cost else trial
+    except HeavebondError:
+        return trial
+
+
 def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Progress | None = None) -> Refit | None:
     """Refit a candidate from the values, and in the search ranges, of a refit of the same law in another diagram. None if
     the diagram cannot be simulated there."""
@@ -362,6 +385,39 @@ class _RefitProblem:
         except (ModelError, SimulationError, StartError, Exceeded):
             return np.inf
         return cost if cost <= most else np.inf  # also infinite for NaN
+
+    def scanned(self, values: Mapping[str, float], record_values: Mapping[str, Mapping[str, float]], trial: Refit
+                ) -> Array | None:
+        """The best start with these free parameters (SI): the amplitudes are varied together over `SCAN`, for the shapes of
+        `trial` and for those of its scores. `record_values` are values that differ between records. None if no start can
+        be simulated."""
+        neutral = {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
+        choices = [{name: trial.values[name] for name in self.ranges if name in trial.values},
+                   *(dict(plan.numbers) for plan in self.starts.plans[:2 * SHAPES:2])]
+        others = {**self.problem.values_of(self.problem.start, self.runs[0].record.name), **values}
+
+        def point(numbers: Mapping[str, float], factor: float) -> Array:
+            scaled = {name: value if name not in neutral else neutral[name] + factor * (value - neutral[name])
+                      for name, value in numbers.items() if name in self.ranges}
+            clipped = {name: float(np.clip(value, *self.ranges[name])) for name, value in scaled.items()}
+            start = [c.inner({**others, **record_values.get(c.record, {}), **clipped}[c.free.name])
+                     for c in self.problem.columns]
+            span = self.problem.high - self.problem.low
+            return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
+
+        best, least = None, np.inf
+        for numbers in choices:
+            factor = None
+            for another in SCAN if neutral else (1.0,):
+                start = point(numbers, another)
+                if (cost := self._cost(start, least)) < least:  # a run ends if its sum of squares exceeds the best
+                    best, least, factor = start, cost, another
+            for closer in CLOSER if factor is not None and neutral else ():
+                for another in (factor * closer, factor / closer):
+                    start = point(numbers, another)
+                    if (cost := self._cost(start, least)) < least:
+                        best, least, factor = start, cost, another
+        return best
 
     def arrive(self, start: Array, progress: Progress) -> Array:
         """Converge to the optimum from a point near it."""

@@ -45,7 +45,7 @@ from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.onset import onsets
 from heavebond.diagnosis.search.prescore import select
-from heavebond.diagnosis.search.refit import Refit, bic, refitted_from
+from heavebond.diagnosis.search.refit import ANOTHER, Refit, bic, refitted_from
 from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned, unexplained
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.diagnosis.search.workers import Workers
@@ -264,6 +264,7 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
                     leading = [*leading, *leading_variations]
                 say("comparing the best closely")
                 guesses = {c.label: g for c, g in (*leading, *remaining)}
+                refits.trials |= _borrowed(workers, base, list(refits.trials.values()), guesses, until)
                 refits.trials |= _polished(workers, list(refits.trials.values()), guesses, CLOSELY if most is None else 1)
                 if most is None:
                     apart = _told_apart_held_out(workers, list(refits.trials.values()), twins, scores)
@@ -317,6 +318,18 @@ def _score(workers: Workers, proposed: Sequence[Candidate], scores: list[Score],
     place = {c.label: k for k, c in enumerate(proposed)}
     scores.sort(key=lambda s: place[s.candidate.label])
     return k == len(proposed)
+
+
+def _borrowed(workers: Workers, base: Base, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], until: float
+              ) -> dict[str, Refit]:
+    """Refit the other laws at the place of the best law from its free parameters, if it explains most of the misfit and
+    leaves more than noise. Their refits began at the base model, and may have ended in another local minimum."""
+    known = [t for t in trials if t.candidate.label in guesses]
+    best = min(known, key=lambda t: t.cost, default=None)
+    if best is None or best.chi2_fit <= DECISION.near or best.cost > (1 - DECISION.mainly) * base.cost:
+        return {}
+    others = [t for t in known if t.cost > ANOTHER[0] * best.cost and set(t.candidate.where) == set(best.candidate.where)]
+    return {c.label: t for c, t in workers.borrow([(t, guesses[t.candidate.label], best) for t in others], until)}
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

@@ -35,9 +35,10 @@ correlated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import combinations
 from math import inf
 
 import numpy as np
@@ -156,6 +157,7 @@ def _amplitudes(base: Base, response: Array) -> tuple[Array, NDArray[np.int64]]:
 MOST = 5  # maximum number of effects
 RIVALS = 8  # maximum number of laws of the first step that are compared in pairs
 WAYS = 3  # maximum number of selections that are continued in parallel,
+LITTLE = 0.05  # first amplitude of a law that is refitted beside another one, as a share of its amplitude alone
 FOLLOWED = 0.5  # those that explain at least this share of the misfit that the best one explains
 BEGUN = 0.5  # remaining time required for a further step, as a share of the time of the previous step
 DECISIVE = 10.0  # difference of `merit` that is required to replace a selected effect (strong evidence in BIC)
@@ -242,21 +244,28 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         # Continue those that may still become the best. With an estimated noise this is the best one only, because an
         # estimated noise does not show whether the best selection is incomplete.
         noise_given, best = selections[0][-1].step.experiment.noise_given, min(map(_merit, selections))
+        followed = set[str]()
         for selection in [selections[0], *(s for s in selections[1:WAYS] if noise_given
                                            and base - _merit(s) > FOLLOWED * (base - best))]:
             if remaining_time() < BEGUN * selection[-1].step.seconds:
                 break
             stage = stepping(following(selection[-1].step), selection)
             steps.append((stage, _extended(selection, stage)))
+            followed.add(selection[0].candidate.label)
             pair = _completed(selection, stage) if turn == 0 else ()
             pairs += [pair] if pair else []
             if stage.partial or any(extension[-1].is_noise for extension in steps[-1][1]):
                 break
             if pair and len(steps) == 1:
                 yield (steps[0][1] or selections)[0], replace(stage, partial=True)
-                joint = joint_refits(pair, say, remaining_time)
+                joint = (*joint_refits(pair, say, remaining_time),
+                         *parallel_refits(selection[0].step, say, remaining_time))
         if turn == 0 and pairs:
             joint = best_pairs(pairs, joint)
+            better = _of_better_pair(selections[0][0].step, joint, followed)
+            if better and not steps[-1][0].partial and remaining_time() >= BEGUN * better[-1].step.seconds:
+                stage = stepping(following(better[-1].step), better)
+                steps.append((stage, _extended(better, stage)))
             selections = [_with_joint(selection, joint) for selection in selections]
             steps = [(stage, [_with_joint(selection, joint) for selection in extended]) for stage, extended in steps]
         cut = bool(steps) and steps[-1][0].partial and remaining_time() <= 0  # ended by the time limit, not by the user
@@ -367,6 +376,53 @@ def joint_refits(pair: Selection, say: Progress, remaining_time: Callable[[], fl
         joint = refitted_from(base, by_label[trial.candidate.label], trial)
         refits += [replace(joint, lent=second.label)] if joint is not None and not joint.absent else []
     return tuple(refits)
+
+
+def parallel_refits(first: Stage, say: Progress, remaining_time: Callable[[], float]) -> tuple[Refit, ...]:
+    """Refit laws of different classes at the place of the best law of the first step in pairs without the best law.
+
+    Two effects in parallel (dry friction and drag) may be imitated by one law between them (viscous damping), which leaves
+    less than either of them alone.
+    """
+    laws = leading_laws(first)
+    by_class: dict[str, Refit] = {}
+    for trial in laws:
+        if set(trial.candidate.where) == set(laws[0].candidate.where):
+            by_class.setdefault(trial.candidate.kind, trial)
+    refits = []
+    for law, second in combinations([*by_class.values()][1:1 + WAYS], 2):
+        if remaining_time() <= 0:
+            break
+        say(f"comparing the leading effects in pairs: {law.candidate.label} and {second.candidate.label}")
+        experiment = following(choosing(first, law))
+        added = next((c for c in candidates(experiment) if c.label == second.candidate.label
+                      and not c.acts_on([law.candidate])), None)
+        try:
+            base = fitted_base(experiment)
+        except HeavebondError:
+            continue
+        # the second law begins with a small amplitude, as the first one has nearly all of the effect
+        neutral = {n.name: n.neutral for n in second.candidate.vanishing}
+        values = {n.name: neutral[n.name] + LITTLE * (second.values[n.name] - neutral[n.name]) if n.name in neutral
+                  else second.values[n.name] for n in second.candidate.numbers if n.name in second.values}
+        pair = None if added is None else refitted_from(base, added, replace(second, values=values, own={}))
+        if pair is not None and not pair.absent:
+            refits.append(replace(pair, candidate=law.candidate, beyond=law.beyond, unshown=law.unshown,
+                                  lent=second.candidate.label))
+    return tuple(refits)
+
+
+def _of_better_pair(first: Stage, joint: Sequence[Refit], followed: Iterable[str]) -> Selection:
+    """The law of the pair that predicts best, as a selection of one effect, if its pair leaves materially less than those
+    of the laws in `followed`; otherwise an empty selection."""
+    known = {t.candidate.label: t for t in joint}
+    least = min((loss(t) for label, t in known.items() if label in followed), default=inf)
+    best = joint[0]
+    if best.candidate.label in followed or not best.lent or loss(best) >= (1 - DECISION.material) * least:
+        return ()
+    trial = next(t for t in first.trials if t.candidate.label == best.candidate.label)
+    step = choosing(first, trial)
+    return (SelectedEffect(step, step.cluster),)
 
 
 def leading_laws(first: Stage) -> list[Refit]:

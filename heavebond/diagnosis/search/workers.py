@@ -36,7 +36,7 @@ from heavebond.core.version import VERSION
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.places import named_apart
 from heavebond.diagnosis.search.base_model import Base, SharedDiagram, searched, shared_diagrams
-from heavebond.diagnosis.search.refit import Refit, at_end_of, begun, followed, polished
+from heavebond.diagnosis.search.refit import Refit, at_end_of, begun, borrowed, followed, polished
 from heavebond.diagnosis.search.scoring import Score, scored
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.residuals import Descent
@@ -206,6 +206,11 @@ class Workers:
         `polished`."""
         return self._refits("polish", polished, jobs, [job[0].candidate for job in jobs], float("inf"),
                             [trial for trial, _, _ in jobs])
+
+    def borrow(self, jobs: Sequence[tuple[Refit, Sequence[Score], Refit]], until: float = float("inf")
+               ) -> Iterator[tuple[Candidate, Refit]]:
+        """Refit each candidate from the free parameters of another law; see the function `borrowed`."""
+        return self._refits("borrow", borrowed, jobs, [job[0].candidate for job in jobs], until, [job[0] for job in jobs])
 
     def _refits(self, task: str, work: Callable[..., R], jobs: Sequence[tuple[Any, ...]], candidates: Sequence[Candidate],
                 until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
