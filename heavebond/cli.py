@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose",
          "monitor", "laws", "errors", "design", "tune", "optimal", "study", "sweep", "signal", "modes", "linear", "energy",
          "sensitivity", "library", "demo", "export", "import", "new", "studio")
+# names of the commands in Python and in other programs
+OTHER_NAMES = {"simulate": "run", "optimise": "tune", "optimize": "tune", "estimate": "fit", "calibrate": "fit",
+               "validate": "compare", "bode": "linear", "linearise": "linear", "linearize": "linear", "eigenvalues": "modes"}
 FUNCTIONS = {"try": "try_effect", "import": "import_model"}
 SERVING = ("studio",)  # commands that run until they are interrupted: no progress lines
 FINE, AT_FAULT, WRONG_USAGE, INCOMPLETE, OWN_FAULT, SIGNALLED = 0, 1, 2, 3, 70, 128
@@ -78,8 +81,10 @@ class Commands(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in self.commands:
-            raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None, suggest(
-                args[0], self.commands) or f"Commands: {', '.join(self.commands)}.")])
+            other = OTHER_NAMES.get(args[0].lower())
+            hint = f"Did you mean '{other}'?" if other else suggest(args[0], self.commands)
+            raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None,
+                                      hint or f"Commands: {', '.join(self.commands)}.")])
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:

@@ -523,5 +523,6 @@ def test_options_in_messages_are_options_of_a_command() -> None:
 def test_the_package_is_run_by_its_name(tmp_path: Path) -> None:
     run, wrong = (subprocess.run([sys.executable, "-m", "heavebond", word, "Spring"], cwd=tmp_path, capture_output=True,
                                  text=True) for word in ("library", "librar"))
+    assert "Did you mean 'run'?" in call("simulate", "rig.yaml").stderr  # the name of the function in Python
     assert run.returncode == 0 and "Linear translational spring" in run.stdout
     assert wrong.returncode == 2 and "Did you mean 'library'" in wrong.stderr

@@ -413,7 +413,7 @@ def test_a_late_channel_that_is_offset_too_is_not_late_alone(tmp_path: Path) -> 
     late = found.records["one"].channels["load.x"].late
     assert late is not None and late.seconds == pytest.approx(0.03, abs=4 * late.deviation)
     assert not late.explains(X_NOISE) and "load.x looks late" not in notes(found)
-    assert "nearer if shifted in time: load.x late by 30" in notes(found)
+    assert "a shift in time would reduce the error: load.x late by 30" in notes(found)
 
 
 def test_a_declared_shift_is_applied(tmp_path: Path) -> None:

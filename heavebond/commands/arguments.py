@@ -222,7 +222,9 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
         target = Path(os.path.realpath(path))
         reason = "" if target.exists() and not target.is_file() else why_unwritable(target.parent)
     if reason:
-        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}")])
+        missing = not path.is_dir() and not path.parent.is_dir()
+        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {reason}", None,
+                                  "Create this folder first, or give another path." if missing else "Give another path.")])
 
 
 def check_new(path: Path, suffixes: Sequence[str]) -> None:

@@ -92,7 +92,7 @@ def show(items: Sequence[Item]) -> None:
     console = output()
     for item in items:
         if isinstance(item, ResultTable):
-            console.print(table(item.title, item.head, item.rows, text=item.text))
+            console.print(table(item.title, item.head, item.rows, text=item.text), crop=False)
         elif isinstance(item, Line) and item.warning:
             warn(item.text)
         elif isinstance(item, Line):
@@ -114,7 +114,7 @@ def show_page(page: TextPage) -> None:
         elif isinstance(item, TextLine):
             console.print(item.text, style=item.style or None, soft_wrap=True, markup=False, highlight=False)
         else:
-            console.print(table(item.title, item.head, item.rows, text=item.text))
+            console.print(table(item.title, item.head, item.rows, text=item.text), crop=False)
     if page.problems:
         raise ModelError(page.problems)
 

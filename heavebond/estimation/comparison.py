@@ -396,9 +396,9 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     others_text = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
     if others_text:
         more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
-        why = "more than a shift is wrong, and missing physics shifts" if more else \
+        why = "it does not explain all of the error, and missing physics shifts" if more else \
             "the free parameters are not fitted yet, and their errors shift"
-        notes.append(f"nearer if shifted in time: {others_text}; but {why} phases too: fit first")
+        notes.append(f"a shift in time would reduce the error: {others_text}; but {why} phases too: fit first")
     return (*notes, *held)
 
 

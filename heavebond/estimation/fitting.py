@@ -552,8 +552,8 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
     involved = [names[k] for k in sorted(chosen)]
     relative = all(logarithmic[k] for k in chosen)
     certainty = "not identifiable" if deviation > (IDENTIFIABILITY.unknown_deviation if relative else 1e3) else \
-        f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
-        f"seen to {100 * deviation:.2g} % of the range only"
+        f"determined only to within a factor of {np.exp(deviation):.2g}" if relative else \
+        f"determined only to within {100 * deviation:.2g} % of the range"
     if len(chosen) == 1:
         return f"{involved[0]} is {certainty}."
     equal = share[chosen].min() > 0.85 * share.max() and all(logarithmic[k] for k in chosen)

@@ -383,7 +383,7 @@ def words_of(suspect: PlaceEstimate) -> str:
         second = next((f for f in (curve.times, curve.second.formula if curve.second else "") if f), "")
         pressed = place.nodes[0].mechanical and curve.units.get(second) == "Pa"
         looks = PRESSED.get((curve.variable.kind, curve.shape), "") if pressed else ""
-    end = f": {looks} would look so." if looks else "."
+    end = f": this is typical of {looks.removesuffix(',')}." if looks else "."
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 
 

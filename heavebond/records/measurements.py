@@ -314,8 +314,11 @@ def _must_exist(path: Path, place: Place | None) -> None:
                                  "Check the path; it counts from the folder of the file that names it.")])
     files = sorted(f.name for f in path.parent.iterdir() if f.is_file())
     notes = (f"files there: {listing(files)}",) if files else ("the folder has no files",)
+    near = suggest(path.name, files)
+    if place is None and any(" " in name and f"'{name}'" in near for name in files):
+        near += " A name with spaces needs quotes on the command line."
     raise DataError([Problem("record-missing", f"there is no file '{path.name}' in '{path.parent}'", place,
-                             suggest(path.name, files) or "Put the record there, or give the path of another one; it "
+                             near or "Put the record there, or give the path of another one; it "
                              "counts from the folder of the file that names it.", notes)])
 
 

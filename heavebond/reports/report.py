@@ -235,10 +235,10 @@ def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     label = "Error of each model on fitted and on held-out records"
     alone = ", ".join(f"{number(level, 3)} % {on}" for level, on in zip(levels, ("fitted", "held out"), strict=True)
                       if math.isfinite(level))
-    legend = swatch(("area", FITTED, "on what was fitted"), ("area", HELD_OUT, "on what was held out"),
+    legend = swatch(("area", FITTED, "on fitted records"), ("area", HELD_OUT, "on held-out data"),
                     ("mark", "#000000", f"noise alone: {alone}"))
-    words = "Error: root mean square of record − model over that of the record about its mean. Chi-square per sample is 1 " \
-            "where nothing but noise is left."
+    words = "Error: root mean square of record − model, divided by the root mean square of the record about its mean. The " \
+            "reduced χ² is 1 if the residual is noise only."
     return joined([element("figure", element("div", ladder(falls, (FITTED, HELD_OUT), label), class_="scroll"),
                            element("figcaption", legend)), element("p", words, class_="small"),
                    table(head, rows, numbers=(1, 2, 3, 4))])
@@ -267,7 +267,7 @@ def _residual(diagnosis: Diagnosis) -> Html:
     first = "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
     names = [f"the diagram with {diagnosis.findings[k - 1].candidate.label}" if k and diagnosis.verdict != "parameters"
              else first for k in range(len(diagnosis.steps))]
-    note = "Tests on the fitted samples; together they are wrong 2 times in 100 where nothing is missing."
+    note = "Tests on the fitted samples. If no effect is missing, at least one answer is a false yes in 2 of 100 cases."
     return joined([tests(diagnosis.steps, names), element("p", note, class_="quiet small"), noise(diagnosis)])
 
 

@@ -154,12 +154,12 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelS
 
 def key() -> Html:
     """Instructions for reading the charts and for zooming."""
-    read = element("p", element("b", "How to read them. "), "Above: the record (grey) and the models; below: what each "
-                   f"model misses, on a band of ±{BAND:g} noise levels, which holds 95 % of white noise. Behind a channel's "
-                   "name stand its figures from model to model, in the order of the buttons. Crosses are samples far from "
-                   "their neighbours; gaps in the records stay open.", class_="small")
-    move = element("p", element("b", "How to move. "), "Drag over a stretch to see it larger, drag with Shift to move "
-                   "along; double-click for the whole record. After a click into a chart the wheel zooms, and so do + and "
-                   "−; the arrow keys move, 0 shows all. With fingers: pinch and drag. All channels of a record move "
-                   "together.", class_="small screen")
+    read = element("p", element("b", "How to read them. "), "Above: the record (grey) and the models. Below: the "
+                   f"residual of each model, with a band of ±{BAND:g} noise levels that contains 95 % of white noise. The "
+                   "line of a channel lists its errors, model by model in the order of the buttons. Crosses are samples far "
+                   "from their neighbours. Gaps in the records are not bridged.", class_="small")
+    move = element("p", element("b", "How to zoom and move. "), "Drag over a part of the chart to enlarge it, drag "
+                   "with Shift to move it, and double-click to show the whole record. After a click into a chart, the wheel "
+                   "and the keys + and − zoom, the arrow keys move, and 0 shows the whole record. On a touch screen, pinch "
+                   "and drag. All channels of a record move together.", class_="small screen")
     return joined([read, move])

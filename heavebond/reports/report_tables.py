@@ -28,7 +28,7 @@ MARKS = {"chosen": ("chosen", "good"), "indistinguishable": ("alike", "bad")}
 TESTS = {
     "score": "Does any effect of the catalogue explain more of it than chance would?",
     "size": "Is it larger than the noise?",
-    "memory": "Does it have a memory, where noise would be white?",
+    "memory": "Are successive values correlated, unlike white noise?",
 }
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, INK)
 DASHES = (None, "7 3", "2 2", "9 3 2 3", None)
@@ -59,7 +59,8 @@ def ranking(step: Stage) -> Html:
         return joined([element("p", "No candidate was fitted: the residual is noise." if not step.left.significant else
                                "No candidate could be fitted."), unfitted])
     caption = f"Before: reduced chi-square {number(step.chi2_fit, 4)} fitted, {number(step.chi2_held_out, 4)} held out; " \
-              "1 is the noise level. BIC change is relative to that model: below zero a candidate is worth its parameters."
+              "1 is the noise level. BIC change is relative to that model: if it is negative, the smaller residual " \
+              "justifies the parameters of the candidate."
     parts = [_ranked(fitted[:FIRST_ROWS], 1, caption)]
     if len(fitted) > FIRST_ROWS:
         parts.append(_folded(f"{count(len(fitted) - FIRST_ROWS, 'more fitted candidate')}, ranked below these",
@@ -192,7 +193,7 @@ def noise(diagnosis: Diagnosis) -> Html:
             p = channel.white
             rows.append([name, record.name, *sizes, number(channel.chi2, 3),
                          "–" if math.isnan(p) else f"{'yes' if p >= 0.01 else 'no'} ({chance(p)})", known])
-    head = ("channel", "record", "noise", "rms left before", "rms left after", "reduced χ²", "white after?", "the noise is")
+    head = ("channel", "record", "noise", "rms residual before", "after", "reduced χ²", "white after?", "the noise is")
     return table(head, rows, numbers=(2, 3, 4, 5))
 
 
@@ -206,7 +207,7 @@ def tried(diagnosis: Diagnosis) -> Html:
         rows.append([f"step {k}", str(len(labels)), str(len(step.trials)), str(len(step.unseen)), str(step.samples),
                      str(step.samples_held_out), f"{step.seconds:.0f} s",
                      chosen + (" (ended early)" if step.partial else "")])
-    head = ("", "candidates", "refitted", "not seen", "samples fitted", "held out", "took", "found")
+    head = ("", "candidates", "refitted", "not identifiable", "samples fitted", "held out", "duration", "result")
     return table(head, rows, numbers=(1, 2, 3, 4, 5, 6))
 
 
@@ -263,8 +264,8 @@ def _channel(separation: Separation, name: str, channel: Predicted) -> list[Html
     source, target = read_unit(channel.unit), read_unit(display_unit)
     values = (channel.values * source.scale + source.offset - target.offset) / target.scale
     apart = (channel.values - channel.values[:1]) / channel.noise
-    pictures = ((values, f"{name} as each foresees it", f"[{unit_label(display_unit)}]"),
-                (apart, f"{name}: each less the first", "[noise levels]"))
+    pictures = ((values, f"{name} as each alternative predicts it", f"[{unit_label(display_unit)}]"),
+                (apart, f"{name}: each alternative minus the first", "[noise levels]"))
     return [over([], [Line(_thin(separation.time), _thin(course), COLOURS[k % len(COLOURS)], 1.4, DASHES[k % len(DASHES)])
                       for k, course in enumerate(courses)], title=title, across="time [s]", up=up, size=SIZE,
                  label=f"{title}, under each alternative") for courses, title, up in pictures]

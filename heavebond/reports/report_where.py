@@ -60,7 +60,7 @@ def failing(localization: Localization, finding: AddedEffect | None) -> Html:
             places = [at_finding] if at_finding.place.name in places[0].alike else [places[0], at_finding]
     parts += [_place(suspect, finding) for suspect in places]
     if localization.unseen:
-        parts.append(element("p", f"Places that these records do not see: {', '.join(localization.unseen)}.",
+        parts.append(element("p", f"Places whose input these records do not determine: {', '.join(localization.unseen)}.",
                              class_="quiet small"))
     return joined(parts)
 
@@ -85,10 +85,10 @@ def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
         variables = [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
     panels = [_panel(suspect, name, finding, up, per) for name in variables]
     drawn = any(law for _, law in panels)
-    marks = [("dot", BLUE, "what acts, while the variable rises"), ("dot", ORANGE, "while it falls"),
-             ("dash", CURVE, "a curve through it")]
+    marks = [("dot", BLUE, "estimate while the variable rises"), ("dot", ORANGE, "while it falls"),
+             ("dash", CURVE, "fitted curve")]
     if drawn and finding is not None:
-        marks.append(("line", LAW, f"{finding.candidate.component} as it was found"))
+        marks.append(("line", LAW, f"{finding.candidate.component} with the fitted parameters"))
     caption = element("figcaption", swatch(*marks))
     courses = []
     for record in suspect.implied:
@@ -99,12 +99,11 @@ def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
         lines = [Line(t, value + sign * wide, "#9cc7e2", 1.0) for sign in (-1, 1)]
         courses.append(element("figure", over([], [*lines, Line(t, value, BLUE, 1.2)], title=f"record {record}",
                                               across="time [s]", up=up, limits=value,
-                                              label=f"What acts {suspect.place.words} over time in record {record}",
+                                              label=f"Estimated {noun(suspect)} {suspect.place.words} over time, {record}",
                                               size=(518.0, 215.0))))
     return joined([element("h3", f"The {noun(suspect)} that the records ask for {suspect.place.words}"),
-                   element("p", f"It would explain {number(100 * suspect.explained, 4)} % of the misfit. "
-                           "Below: over what moves there, and over time (pale: twice its standard deviation).",
-                           class_="small"),
+                   element("p", f"It would explain {number(100 * suspect.explained, 4)} % of the misfit. Below: over "
+                           "variables of the place, and over time (pale: ± twice its standard deviation).", class_="small"),
                    element("div", *(element("figure", panel) for panel, _ in panels), class_="panels"), caption,
                    element("div", *courses, class_="panels")])
 

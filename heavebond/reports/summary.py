@@ -108,7 +108,7 @@ class Summary:
         if not self.states:
             states = ["States", "  none"]
         else:
-            states = ["States, and the equation in which the rate of each stands",
+            states = ["States, and the equation that determines the rate of each",
                       *columns([(s.name, s.unit, s.why) for s in self.states], width)]
             if self.charts:
                 states += ["", "Dynamic state selection: states that may be exchanged during the run", *columns([

@@ -304,7 +304,7 @@ class _Builder:
         where = self.place(mark)
         if "\t" in where.text[:where.column]:
             tab = Place(where.file, where.line, where.text.index("\t") + 1, where.text)
-            self.problems.add("tab", "a tab stands in the indentation", tab,
+            self.problems.add("tab", "the indentation contains a tab", tab,
                               hint="Put spaces in its place; YAML is indented with spaces.")
             return
         if "mapping values are not allowed here" in explanation and (bare := self._without_colon(where)):

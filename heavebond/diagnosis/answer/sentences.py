@@ -542,7 +542,7 @@ def so_far(steps: Sequence[Stage], untried: Sequence[str]) -> list[str]:
         step = steps[cut - 1]
         scored, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
         planned = max(step.planned, len(scored | refitted))
-        line = f"{f'In step {cut}' if len(steps) > 1 else 'So far'} {len(scored)} of {counted(planned, 'candidate')} " \
+        line = f"{f'In step {cut}' if len(steps) > 1 else 'So far'}, {len(scored)} of {counted(planned, 'candidate')} " \
                f"{'was' if len(scored) == 1 else 'were'} scored and {len(refitted)} refitted; the others may explain the " \
                "residual as well."
         largest = max(step.scores, key=lambda s: s.gain, default=None)

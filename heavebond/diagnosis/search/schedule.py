@@ -91,7 +91,7 @@ class RefitSchedule:
             elif candidate.label not in self.workers.lost:
                 self.failed.append(candidate.label)
             self.say(f"refitting {count} of {len(jobs)}{suffix}: {candidate.label}"
-                     + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated") + self._best())
+                     + (f" leaves chi-square {trial.chi2_held_out:.4g}" if trial else " cannot be simulated") + self._best())
         return count == len(jobs)
 
     def _follow(self, trials: Iterable[Refit], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
@@ -100,8 +100,8 @@ class RefitSchedule:
         jobs = [(t, guesses[t.candidate.label]) for t in open_]
         for count, (candidate, trial) in enumerate(self.workers.follow(jobs, until), 1):
             self.trials[candidate.label] = trial
-            self.say(f"refitting {count} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}"
-                     f"{self._best()}")
+            self.say(f"refitting {count} of {len(jobs)} further: {candidate.label} leaves chi-square "
+                     f"{trial.chi2_held_out:.4g}{self._best()}")
 
     def _best(self) -> str:
         """The best refit so far, for the progress text."""

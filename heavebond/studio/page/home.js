@@ -32,7 +32,7 @@ export function showHome(studio, told) {
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
     ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
-    el("h2", {}, "Machines that come with heavebond"), el("p", {}, "To be looked at, run, and copied into the folder."),
+    el("h2", {}, "Machines that come with heavebond"), el("p", {}, "Open and run them, or copy them into the folder."),
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all, drawings))));
 }
 
