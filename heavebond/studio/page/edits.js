@@ -31,7 +31,7 @@ export class Edits {
     try {
       const told = await studio.link.ask("edit", { name, text: before, action: { places: studio.view?.places, ...action } });
       if (told.kind !== "done" || studio.document?.name !== name) return false;
-      if (studio.editor.text !== before) { this.refuse("The text was changed at the same time; do it once more."); return false; }
+      if (studio.editor.text !== before) { this.refuse("The text was changed at the same time. Repeat the action."); return false; }
       byId("reason").hidden = true;
       studio.editor.replace(told.text);
       studio.picked = told.note ? { kind: "note", path: told.note } : told.part ? { kind: "part", path: told.part } : told.node ? { kind: "node", path: told.node } : null;
@@ -168,7 +168,7 @@ export class Edits {
       part && el("button", { id: "item-mirror", title: "Mirror (M)", onclick: () => this.rotate(true) }, "Mirror"),
       part && el("button", { id: "item-copy", title: "Copy (Ctrl+D)", onclick: () => this.copy() }, "Copy"),
       el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, part ? "Delete" : "Delete the wire"),
-      !part && this.studio.view.routed?.includes(path) && el("button", { id: "item-unroute", title: "Let the wire find its way again", onclick: () => this.act({ act: "route", node: path }) }, "Free its way"))];
+      !part && this.studio.view.routed?.includes(path) && el("button", { id: "item-unroute", title: "Route the wire automatically again", onclick: () => this.act({ act: "route", node: path }) }, "Free its way"))];
   }
 
   /** A note: its text. @param {string} name */

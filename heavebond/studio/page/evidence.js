@@ -195,7 +195,7 @@ export class Evidence {
   /** What the tab shows, made into a place; nothing where it is not known yet. @param {() => boolean} here @returns {Promise<((place: HTMLElement) => void)|null>} */
   async content(here) {
     const problems = this.studio.view?.problems ?? [];
-    if (this.active && problems.length) return (place) => place.append(el("p", { class: "empty" }, "The experiment cannot be read yet: its problems stand below the text."));
+    if (this.active && problems.length) return (place) => place.append(el("p", { class: "empty" }, "The experiment cannot be read yet: its problems are listed below the text."));
     if (this.tab === "records" || this.tab === "residual") {
       if (this.failed) return (place) => place.append(...problemList(problemsOf(this.failed)));
       if (!this.told) return (place) => place.append(el("p", { class: "empty" }, "Simulating the records…"));
@@ -263,8 +263,8 @@ export class Evidence {
       const [x, y, up] = told.series;
       this.charts.push(cloud(place, { x, y, up, xLabel: `${signal} [${told.across}]`, yLabel: `residual of ${channel} [${told.unit}]`, height: 260,
         describe: `residual of ${channel} over ${signal}` }));
-      place.append(el("p", { class: "said" }, "A residual that follows a speed points to friction or damping, one that follows a position to a spring or a stop, one that follows a pressure to leakage or compressibility. A loop is memory: hysteresis, play or a delay."));
-      if (states.length) place.append(el("h3", {}, "What the error follows, as the localisation found it"));
+      place.append(el("p", { class: "said" }, "A residual that follows a speed points to friction or damping, one that follows a position to a spring or a stop, one that follows a pressure to leakage or compressibility. A loop points to hysteresis, play or a delay."));
+      if (states.length) place.append(el("h3", {}, "Variables that the error follows, from the localisation"));
       states.forEach((/** @type {any} */ s, /** @type {number} */ k) => {
         const [sx, sy] = curves[k];
         this.charts.push(timeCurve(place, sx, sy, `${s.variable} [${s.unit}]`, `error of ${channel} [${s.of}]`, `R² ${number(s.r2, 3)} on data not used`));
@@ -291,10 +291,10 @@ export class Evidence {
     if (!this.active) return [];
     const found = this.jobs.placesAt(kind, path), where = this.jobs.state("where");
     const show = (/** @type {number} */ k) => { this.chosen.place = k; this.choose("where"); };
-    if (!where?.result) return [el("h3", {}, "What is missing here?"), el("p", {}, "The force or flow that would have to act here for the model to follow its records."),
+    if (!where?.result) return [el("h3", {}, "What is missing here?"), el("p", {}, "The additional force or flow at this place with which the model would follow its records."),
       el("button", { id: "locate-here", onclick: () => { this.choose("where"); void this.jobs.begin("where"); } }, "Locate the error")];
     return [el("h3", {}, "What is missing here?"), ...(found.length ? found.slice(0, 3).map((/** @type {any} */ { k, place }) => el("div", { class: "implied" }, el("p", {}, place.words),
-      el("button", { id: `implied-${k}`, onclick: () => show(k) }, `Show the ${place.what}`))) : [el("p", {}, "Nothing that acts here would explain the records better.")])];
+      el("button", { id: `implied-${k}`, onclick: () => show(k) }, `Show the ${place.what}`))) : [el("p", {}, "No force or flow at this place would explain the records better.")])];
   }
 
   /** @param {string} kind @param {string} path */

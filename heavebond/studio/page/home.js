@@ -8,7 +8,7 @@ export function showHome(studio, told) {
   const fresh = (/** @type {boolean} */ empty) => {
     const templates = empty ? undefined : el("fieldset", { class: "templates" }, el("legend", {}, "Begin with"), ...told.templates.map((/** @type {any} */ t, /** @type {number} */ k) =>
       el("label", {}, el("input", { type: "radio", name: "template", value: t.name, checked: k === 0 }), t.title)));
-    askName(empty ? "An empty diagram" : "A new diagram", "Its name, letters, digits and _:", "machine", async (name) => {
+    askName(empty ? "An empty diagram" : "A new diagram", "Name (letters, digits and _):", "machine", async (name) => {
       const chosen = /** @type {HTMLInputElement|null} */ (byId("ask").querySelector("[name=template]:checked"));
       const made = await studio.link.ask("new", { name, empty, ...(chosen ? { template: chosen.value } : {}) });
       return () => studio.open(made.name);

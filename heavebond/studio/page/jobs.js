@@ -8,13 +8,13 @@ import { tuningForm, variable } from "./tuning.js";
 
 /** @type {Record<string, {title: string, words: string, button: string, command: string}>} */
 const KINDS = {
-  fit: { title: "Estimate the free parameters", words: "Moves the parameters under free: within their ranges until the model follows the fitted records best. Held-out records tell whether that is enough.", button: "Estimate", command: "fit" },
-  where: { title: "Locate the error", words: "Finds when and in what state of motion the model fails, and the force or flow that would have to act at each place of the drawing.", button: "Locate", command: "localize" },
-  diagnose: { title: "Identify the missing effect", words: "Puts each effect of the library at each place where it fits, estimates it together with all that is free, and lets the held-out records decide.", button: "Diagnose", command: "diagnose" },
+  fit: { title: "Estimate the free parameters", words: "Estimates the parameters under free: within their ranges, so that the model follows the fitted records best. The error on held-out records shows whether this is enough.", button: "Estimate", command: "fit" },
+  where: { title: "Locate the error", words: "Finds when and in what state of motion the error of the model is large, and estimates the force or flow that is missing at each place of the drawing.", button: "Locate", command: "localize" },
+  diagnose: { title: "Identify the missing effect", words: "Adds each effect of the library at each place where it fits, estimates it together with the free parameters, and decides by the error on held-out records.", button: "Diagnose", command: "diagnose" },
   try: { title: "One effect tried by hand", words: "", button: "", command: "try" },
-  study: { title: "Run the study", words: "Simulates, tunes and measures each case of the file. Cases that are done are kept in a folder beside it: run it again to go on after a stop.", button: "Run the study", command: "study" },
-  command: { title: "Analyses", words: "The other commands of the command line, on this document as it is saved.", button: "Run it", command: "" },
-  tune: { title: "Tune parameters", words: "Moves parameters within their ranges until a cost is smallest, by exact gradients.", button: "Tune", command: "tune" },
+  study: { title: "Run the study", words: "Simulates, tunes and measures each case of the file. Completed cases are stored in a folder next to the file: after a stop, run the study again to continue.", button: "Run the study", command: "study" },
+  command: { title: "Analyses", words: "The other commands of the command line, applied to the saved file.", button: "Run it", command: "" },
+  tune: { title: "Tune parameters", words: "Minimises a cost over parameters within their ranges, by exact gradients.", button: "Tune", command: "tune" },
 };
 
 export class Jobs {

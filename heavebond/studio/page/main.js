@@ -211,7 +211,7 @@ class Studio {
   /** A diagram of one's own from this one. @param {string} how */
   make(how) {
     const origin = this.document.name, first = `my_${origin.replace(/^bundled:|\.ya?ml$/g, "").split("/").at(-1)}`;
-    const words = how === "copy" ? "Name of the new folder, letters, digits and _:" : "Name of the new diagram, letters, digits and _:";
+    const words = how === "copy" ? "Name of the new folder (letters, digits and _):" : "Name of the new diagram (letters, digits and _):";
     askName(how === "copy" ? "A copy with all files of the machine" : "A diagram that extends this one", words, first, async (name) => {
       const made = await this.link.ask(how, { name, origin, values: this.runs.values });
       return () => this.open(made.name);

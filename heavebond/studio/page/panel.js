@@ -40,7 +40,7 @@ export class Panel {
     if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
       el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.differences.list(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
-      ...this.signals(view.named ? "Outputs" : "States", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
+      ...this.signals(view.named ? "Outputs" : "States", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram has no outputs yet."),
       ...this.search(view), el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
@@ -92,7 +92,7 @@ export class Panel {
     const paths = Object.keys(this.studio.runs.values);
     if (!paths.length) return [];
     return [el("h3", {}, "Changed by sliders"), el("ul", { class: "signals" }, ...paths.map((path) => el("li", {}, el("code", {}, `${path} = ${this.studio.runs.values[path]}`)))),
-      el("p", {}, "These values hold for runs on this page. The text keeps its own."),
+      el("p", {}, "These values apply to runs on this page. The text is not changed."),
       this.studio.document.writable && !this.studio.evidence.active && el("button", { id: "write-values", onclick: () => this.studio.runs.writeValues() }, "Write them into the text"), " ",
       el("button", { id: "reset-all", onclick: () => this.studio.runs.setValues({}) }, "Back to the text's values")];
   }
@@ -196,7 +196,7 @@ export class Panel {
     const start = el("select", { id: "run-start", disabled: !edits.possible, onchange: (/** @type {any} */ e) => act({ act: "setting", key: "start" }, e) },
       ...[["", "from initial values"], ["rest", "at rest"], ["steady", "in equilibrium"]].map(([key, words]) => el("option", { value: key, selected: key === told.start }, words)));
     const given = Object.entries(told.initial).map(([name, value]) => row(`initial-${name}`, name, el("input", { id: `initial-${name}`, class: "mono", value, disabled: !edits.possible, spellcheck: "false", autocomplete: "off",
-      title: "Value at the start; nothing removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name }, e) })));
+      title: "Value at the start; an empty field removes it", onchange: (/** @type {any} */ e) => act({ act: "initial", signal: name }, e) })));
     return [el("h3", {}, "Run"), field("until", "duration", "such as 5 s"), field("every", "output interval", "such as 5 ms"), row("run-start", "start", start), ...given];
   }
 

@@ -106,11 +106,11 @@ export class RecordFiles {
         wrong.scrollIntoView({ block: "nearest" });
       } });
     } },
-    el("h2", {}, `Records of ${stem(model)}`), el("p", { class: "said" }, "What the columns are was proposed from their names and units. Correct what is wrong: a record drives the inputs, and the model is compared with the outputs."),
+    el("h2", {}, `Records of ${stem(model)}`), el("p", { class: "said" }, "The role of each column is proposed from its name and unit; correct it if it is wrong. The input columns drive the model, and its outputs are compared with the output columns."),
     ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, r)),
     el("ul", { class: "files aligned" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
       ...USES.map(([value, text]) => el("option", { value, selected: value === u.use }, text)))))),
-    files.length === 1 ? el("p", { class: "said" }, "With one record, its last third is held out of the fit. Better: drop two, and hold one out.") : null,
+    files.length === 1 ? el("p", { class: "said" }, "With one record, its last third is held out of the fit. It is better to drop two records and to hold one out.") : null,
     el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
       el("tbody", {}, ...rows.map((/** @type {any} */ r) => r.row)))),
     el("datalist", { id: "known-inputs" }, ...options(told.inputs)), el("datalist", { id: "known-outputs" }, ...options(told.outputs)),

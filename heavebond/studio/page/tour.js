@@ -37,13 +37,13 @@ export class Tour {
       await studio.runs.run();
     };
     return [
-      { title: "The drawing", words: "This is a heave compensator: it holds a drill string still while the vessel moves in the waves. The drawing shows its parts and wires, the text on the left describes the same machine. Each follows the other.",
+      { title: "The drawing", words: "This is a heave compensator: it holds a drill string still while the vessel moves in the waves. The drawing shows its parts and wires, the text on the left describes the same machine. A change of one changes the other.",
         at: find("#diagram"), before: async () => { if (studio.document?.name !== MACHINE) await studio.open(MACHINE); studio.pick("", ""); } },
       { title: "Run", words: "Run (Ctrl+Enter) simulates the machine. Next presses it for you.", at: find("#run") },
       { title: "The charts", words: "The outputs of the run are plotted, one chart for each unit. Drag across a chart to zoom in; a double click shows the whole run.", at: find("#plots"), before: ready },
-      { title: "The panel", words: "A click on a part shows its parameters and its signals. This is the controller. Tick a signal to plot it.", at: find("#selected"),
+      { title: "The panel", words: "Click a part to show its parameters and signals. This is the controller. Tick a signal to plot it.", at: find("#selected"),
         before: async () => { await ready(); studio.pick("part", "controller"); } },
-      { title: "A slider", words: "Move a slider: the machine is simulated while it moves. Keep this run, above the charts, lays the next run over the present one.", at: find("[data-parameter='controller.K_p']"),
+      { title: "A slider", words: "Move a slider: the machine is simulated while it moves. 'Keep this run', above the charts, keeps the present run for comparison with the next one.", at: find("[data-parameter='controller.K_p']"),
         before: async () => { await ready(); studio.pick("part", "controller"); } },
       { title: "A block", words: "A block contains further parts. A double click (or O) opens it on the drawing: this is the inside of the active compensator.", at: find("#diagram"),
         before: async () => { await ready(); if (!studio.view.opened.includes("ahc")) studio.openBlock("ahc"); else studio.pick("part", "ahc"); } },
