@@ -1,8 +1,8 @@
 """Solution of a block lower triangular system: explicit equations, and loops that are torn.
 
-A block of one equation that is linear in its unknown is solved for this unknown. In a larger block the fewest unknowns
-are guessed that make the others explicit (tearing). Guessed unknowns are eliminated if an equation is linear in them; the
-others remain for the integrator.
+A block of one equation that is linear in its unknown is solved for this unknown. In a larger block, as few
+unknowns as possible are guessed, so that the others follow explicitly (tearing). Guessed unknowns are eliminated if an
+equation is linear in them; the others remain for the integrator.
 """
 
 from __future__ import annotations

@@ -97,5 +97,5 @@ class Expanded:
 
     @property
     def blocks(self) -> list[str]:
-        """The components that are made of others."""
+        """The paths of the blocks, which are components that consist of other components."""
         return [path for path, leaf in self.leaves.items() if leaf.component.composite]

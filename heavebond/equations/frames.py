@@ -1,12 +1,12 @@
 """Frames: the explicit relations between the frames of nodes, and the relations that close a loop.
 
-A part relates the frames of its ports by a rotation and a translation (`frames:` of a component). Between two orientations,
-unit quaternions, a relation has rank three, but it determines four numbers; with the velocities, which follow from it by
-differentiation, it determines all seven. The relations are the edges of a graph whose vertices are the nodes and the fixed
-frame. On a spanning tree, a relation determines the orientation, position and velocities of a node from its predecessor by
-explicit equations, in which the norm of the quaternion is 1 by construction. Each other relation closes a loop and gives
-three equations for the rotation and three for the translation. A tree of bodies therefore has explicit recursions without
-derivatives of positions, and a loop has as many equations as constraints.
+A part relates the frames of its ports by a rotation and a translation (`frames:` of a component). Orientations are unit
+quaternions: a relation between two of them determines the four numbers of one orientation, but has rank three. The
+relation of the angular velocities follows by differentiation. The relations are the edges of a graph whose vertices are
+the nodes and the fixed frame. On a spanning tree, a relation determines the orientation, position and velocities of a
+node from its predecessor by explicit equations, in which the norm of the quaternion is 1 by construction. Each other
+relation closes a loop and gives three equations for the rotation and three for the translation. A tree of bodies
+therefore has explicit recursions without derivatives of positions, and a loop has as many equations as constraints.
 
 M. Otter, H. Elmqvist, S. E. Mattsson: The new Modelica MultiBody library. Proc. 3rd International Modelica Conference,
 Linkoping 2003, 311-330: overdetermined connectors, and relations of velocities in addition to relations of positions.

@@ -328,8 +328,8 @@ def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) ->
 
 
 def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
-    """The interval of each independent parameter by the hash of its symbol: the strictest of all parameters with its
-    value."""
+    """The permitted interval of each independent parameter, by the hash of its symbol. If several parameters of components
+    have the same independent parameter as their value, it is the intersection of their intervals."""
     bounds: dict[int, Interval] = {}
     for name, parameter, _ in with_declaration(expanded):
         if parameter.low is None and parameter.high is None:

@@ -109,8 +109,8 @@ def input_nodes(flat: Flat) -> dict[str, Node]:
 
 
 def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
-    """The nodes of a flat model by name, in the order of the diagram; signals are left out, and without `several_efforts`
-    nodes with several efforts, of which a virtual source would set one only."""
+    """The nodes of a flat model by name, in the order of the diagram; signals are omitted. Nodes with several
+    efforts are included with `several_efforts` only, because a virtual source sets one effort."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     aliases: dict[int, list[str]] = {}

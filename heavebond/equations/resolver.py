@@ -41,7 +41,7 @@ NOTHING_KNOWN = PlausibleRange()
 
 
 def plausible(domain: Domain, name: str) -> PlausibleRange:
-    """The plausible values of a member of a domain; a position moves on at the typical speed of its domain."""
+    """The plausible values of a member of a domain; the range of a position grows with the typical speed of its domain."""
     member = domain.members[name]
     speed = domain.members[domain.rate(name)].nominal if name in domain.positions else 0.0
     return PlausibleRange(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,

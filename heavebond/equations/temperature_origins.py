@@ -85,8 +85,8 @@ class Flat(Protocol):
 
 
 def origins_of(flat: Flat) -> dict[str, float]:
-    """1 for each variable and independent parameter of a diagram that is a temperature, 0 for each that is a difference;
-    others are left out."""
+    """The origin of each variable and independent parameter in K: 1 for a temperature, 0 for a difference of temperatures.
+    Quantities in other units are omitted."""
     variables = {u.name: s for u, s in zip(flat.unknowns, flat.levels[0], strict=True) if u.unit.dimension == KELVIN}
     parameters = {q.name: flat.p[k] for k, q in enumerate(flat.parameters)
                   if q.unit.dimension == KELVIN and not q.name.startswith("initial.")}
@@ -161,7 +161,7 @@ class TemperatureOrigins:
         self.weights = origins_of(flat)
 
     def of(self, expr: Expr, scope: str = "") -> float | None:
-        """`dimensions.origins` of an expression with names of the diagram."""
+        """The origin of an expression (see `dimensions.origins`) whose names are those of the diagram, inside `scope`."""
         return origins(expr, self.lookup(scope))
 
     def determined(self, path: str) -> float | None:
@@ -170,12 +170,12 @@ class TemperatureOrigins:
         return self.weights.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
 
     def lookup(self, scope: str = "") -> Callable[[Name], float | None]:
-        """`of_name` for names inside a part."""
+        """The function that gives the origin of a name inside the part `scope`."""
         return lambda name: self.of_name(scope + name.text)
 
     def of_name(self, path: str) -> float | None:
-        """1 for a variable or parameter that is a temperature, 0 for one that is not; of a parameter that no equation
-        determines by the unit of its value."""
+        """The origin of a variable or parameter: 1 for a temperature, 0 otherwise. If no equation determines the origin of a
+        parameter, the unit of its value does."""
         flat = self.flat
         if path in flat.names:
             return self.determined(path) if flat.unknowns[flat.names[path]].unit.dimension == KELVIN else 0.0
@@ -192,7 +192,8 @@ class TemperatureOrigins:
 
 
 def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
-    """The outputs of a diagram, those that are differences of temperatures in a unit without origin (of degC in K).
+    """The outputs of a diagram; an output that is a difference of temperatures gets a unit without origin (K instead of
+    degC).
 
     ModelError for a sum of temperatures, and for a difference whose value is in a unit with an origin.
     """

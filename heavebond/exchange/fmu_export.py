@@ -166,7 +166,7 @@ def _compiled(compiler: Sequence[str], source: str, wrappers: dict[str, str], ve
 
 
 def _build_description(identifier: str) -> bytes:
-    """How the sources are compiled for another machine."""
+    """The file `buildDescription.xml`: instructions to compile the sources on another machine."""
     root = Xml.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
     configuration = Xml.SubElement(root, "BuildConfiguration", {"modelIdentifier": identifier})
     files = Xml.SubElement(configuration, "SourceFileSet", {"language": "C99"})

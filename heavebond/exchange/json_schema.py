@@ -339,7 +339,8 @@ def written_units(unit: Unit) -> tuple[str, ...]:
 
 
 def quantity(unit: Unit | None = None, description: str = "") -> Schema:
-    """A number with a unit, a formula, or a bare 0; without unit a plain number too."""
+    """The schema of a quantity: a number with a unit, a formula, or 0 without a unit. If `unit` is None or
+    dimensionless, any number without a unit is permitted too."""
     annotation: Schema = {"description": description} if description else {}
     if unit is None or (unit.dimension == ONE and not unit.counts) or is_generic(unit.dimension):
         return {**annotation, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY_TEXT}]}

@@ -87,16 +87,16 @@ class StartConditions:
 class Portable:
     """The exported equations: `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
     direction of each) -> the directional derivative of (x', y, g, indicators), and `jacobian` (t, x, z, p, u) -> the
-    derivatives of (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the
-    user's.
+    derivatives of (x', g) by (x, z), by rows, and by t. `parameters` are all entries of p; `tunable` is True
+    for those that the user may change.
 
-    For events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, quantities that the equations
-    differentiate and that must not jump at events, with `sizes`, accelerations of the contacts that may break away),
-    `updates` (t, x, z, p, u, 1 for each active event) -> new values of all resets (see `numerics.update_order`), and
-    `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for functions of
-    time; `limits` (t, x, z, p, u) -> the distance of the variables `limited` from their physical limits; `histories`
-    (t, x, z, p, u) -> (sources of the delayed variables, their delays). After the inputs, u has the rows of each delayed
-    variable (see `substitute_inputs`)."""
+    For events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions; quantities that must not jump at
+    events, because the equations contain their derivatives; accelerations of the contacts that may break away). `sizes`
+    are the usual sizes of the quantities that must not jump. `updates` (t, x, z, p, u, 1 for each active event) -> new
+    values of all resets (see `numerics.update_order`), and `instants` p -> (first instants, periods). `stops` is p ->
+    the instants at which an integrator stops for functions of time; `limits` (t, x, z, p, u) -> the distance of the
+    variables `limited` from their physical limits; `histories` (t, x, z, p, u) -> (sources of the delayed variables,
+    their delays). After the inputs, u has the rows of each delayed variable (see `substitute_inputs`)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -144,7 +144,7 @@ class Portable:
 
     @property
     def integrated(self) -> bool:
-        """Whether an integrator belongs to the equations: for events, delays or a longest step."""
+        """True if the export contains an integrator, which events, delays and a longest step need."""
         return bool(self.events or self.delays or largest_step_of(self.assembly.model))
 
     @property
@@ -397,7 +397,8 @@ def _outputs(assembly: Assembly, names: Sequence[str], expressions: ca.SX, first
 
 # -- instants at which an integrator stops -----------------------------------------------------------------------------
 def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
-    """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
+    """Times at which a function of time switches: zeros of expressions that are linear in time and, for smooth switches,
+    the ends of the steep part."""
     roots: dict[str, ca.SX] = {}
     for expressions, levels in zip(switch_arguments(parts, time)[1:], ((0.0,), LEVELS), strict=True):
         for expression in expressions:

@@ -36,7 +36,7 @@ class RealTimeConstants:
         adds two nodes. Doubled: twice the memory.
     nodes: largest number of nodes of the ring buffer. Origin: 100 MB of memory with ten delayed variables. Doubled: twice.
     same: difference between a period and a multiple of the step, relative to the step, that counts as rounding. Origin:
-        rounding of decimal numbers is 1e-16 of them. Doubled: nothing measurable.
+        decimal numbers are rounded to 1e-16 of their value. Doubled: nothing measurable.
     """
 
     unknowns: int = 350
@@ -92,7 +92,8 @@ def companions(path: Path) -> list[Path]:
 
 
 def _checked(exported: Portable, method: str, step: float) -> int:
-    """The nodes in the ring buffer of the delays; UsageError if the method or the step is unsuitable for a diagram."""
+    """The number of nodes in the ring buffer of the delays; UsageError if the method or the step is unsuitable for a
+    diagram."""
     problems, algebraic = [], [q.name for q in exported.algebraic]
     if method in ("euler", "rk4") and algebraic:
         problems.append(Problem(

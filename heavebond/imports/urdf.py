@@ -623,7 +623,8 @@ class _Writer:
         self.show += [(f"{child}.{axis}", "m") for axis in AXES]
 
     def planar(self, joint: Joint, base: str, child: str) -> None:
-        """A PlaneJoint between two links; the first turns its z axis to the axis of the joint, the second turns back."""
+        """A PlaneJoint between two SpatialLinks: the first turns the z axis to the axis of the joint, the second turns
+        back."""
         part, n = self.part_of[joint.name], joint.axis
         lower, upper = base, child
         angles = np.array([0.0, np.arctan2(np.hypot(n[0], n[1]), n[2]), np.arctan2(n[1], n[0])])

@@ -81,7 +81,8 @@ def packed(motion: Motion) -> dict[str, object]:
 
 
 def _on_track(values: Array, tracks: list[tuple[Array, float]], fine: float) -> float | list[float]:
-    """A time series as a number, or as (track, offset); a new track if it follows none."""
+    """Encode a time series: a number if it is constant, otherwise a track and an offset from it. If no track in `tracks` has
+    the same form, it is appended as a new one."""
     if np.ptp(values) < fine:
         return _rounded(values[:1], fine)[0]
     for k, (track, step) in enumerate(tracks):
@@ -97,8 +98,8 @@ def _rounded(values: Array, fine: float) -> list[float]:
 
 
 def save_animation(motion: Motion, path: Path, *, speed: float = 1.0, at: Time | None = None) -> Path:
-    """Write .html, .gif, .mp4, or as .png the picture of the instant `at`, by default the first; UsageError for another
-    suffix, for an instant outside the run, or if a program for films is missing."""
+    """Write an animation (.html, .gif, .mp4), or the picture of the instant `at` (.png, by default the first). UsageError
+    for another suffix, for an instant outside the run, or if a program for films is missing."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError([Problem("file-suffix", f"'{path.name}' is not a moving picture", None,

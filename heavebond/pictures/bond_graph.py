@@ -274,8 +274,8 @@ def _right_side(component: Component, port: str, through: str) -> str:
 
 
 def _collapsed(graph: BondGraph) -> BondGraph:
-    """Remove junctions that only pass a bond on; one between two ends of the same junction stays, because both ports of a
-    component may be on one node, and a bond joins two vertices."""
+    """Remove junctions that only pass a bond on. If both bonds of such a junction end at the same other junction, it stays
+    (both ports of a component may be on one node), because a bond needs two different vertices."""
     vertices, bonds = dict(graph.vertices), list(graph.bonds)
     for key in [k for k, v in graph.vertices.items() if v.letter in (ZERO, ONE_JUNCTION)]:
         ends = [b for b in bonds if key in (b.tail, b.head)]
@@ -343,7 +343,7 @@ class _Strokes:
                 self.around.setdefault(bond.head, []).append(k)
 
     def assign(self, bond: int, end: str) -> None:
-        """Set a stroke unless it is set, and all implied strokes."""
+        """Set the causal stroke of a bond if it has none, and then all strokes that follow from it."""
         waiting = [(bond, end)]
         while waiting:
             k, stroke = waiting.pop()

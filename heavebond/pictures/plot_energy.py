@@ -86,7 +86,7 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
 
 
 def plot_activity(energy_audit: EnergyAudit, *, title: str = "") -> Figure:
-    """The most active components as bars with their share of the activity of all, and the sum of the shares down to each."""
+    """Draw the most active components as bars: the share of each in the activity of all, and the cumulative share."""
     ranked = [(line, share) for line, share in energy_audit.ranking if share > SEEN][:MOST_BARS]
     figure = Figure(figsize=(0.8 * WIDTH, 1.6 + 0.3 * len(ranked)), dpi=DPI, layout="constrained")
     figure_title(figure, title)

@@ -39,7 +39,7 @@ def quiet(panel: Axes, axis: Any = "both") -> None:
 
 
 def headed(figure: Figure, picture: Picture) -> None:
-    """The title of a picture over it."""
+    """Write the title of a picture above it, if it has one."""
     if picture.title:
         figure.suptitle(picture.title, x=0.01, ha="left", fontsize=9)
 

@@ -61,7 +61,7 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
 
 
 def _shades(result: StudyResult, lines: int, without: int = -1) -> tuple[int, ScalarMappable] | None:
-    """If there are more lines than a legend can name: the numeric axis that colours them, and its colours."""
+    """The index of the numeric axis by which lines are coloured, and its colours; None if a legend can name all lines."""
     for k, axis in enumerate(result.study.axes):
         if lines > MOST_LABELS and axis.unit is not None and k != without:
             values = [axis.unit.from_si(level.value) for level in axis.levels]
@@ -90,13 +90,13 @@ def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
 
 
 def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
-    """The levels of a case in words, except for one axis; numbers with their names."""
+    """The labels of the levels of a case, except for the axis `without`; a number follows the name of its axis."""
     return [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
             enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k != without]
 
 
 def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
-    """A signal over time, a line per case; thin ones in one colour for the points of a sample."""
+    """Draw a signal over time with one line for each case; the points of a sample are thin lines of the same colour."""
     drawn = [o for o in result.outcomes if o.signals]
     sample = result.study.sample
     at = result.study.axes.index(sample) if sample is not None else -1

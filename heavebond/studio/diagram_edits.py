@@ -255,7 +255,7 @@ def with_entry(text: str, section: str, name: str, value: Tree) -> str:
 
 
 def section_before(text: str, section: str) -> str:
-    """The last existing section before another one."""
+    """The section of a text after which a new section `section` is inserted; empty if the text has this section."""
     present = list(parse(text).root.items)
     if section in present:
         return ""

@@ -75,8 +75,8 @@ class Guard:
                     await _plain(send, 500, FAILED)
 
     def _admits(self, scope: Scope) -> bool:
-        """Refuse pages of other sites, which have another Origin, and another Host if their name resolves to this machine
-        (DNS rebinding). A socket needs an Origin; browsers always send it."""
+        """False for requests of pages of other sites: they have another Origin, or another Host if the name of the site
+        resolves to this machine (DNS rebinding). A socket needs an Origin; browsers always send it."""
         headers = list(scope["headers"])
         host, origin = _values(headers, b"host"), _values(headers, b"origin")
         if len(host) != 1 or host[0] not in self.hosts or len(origin) > 1:

@@ -98,13 +98,14 @@ class Worker:
             return await self._do(task, arguments)
 
     async def ask_again(self, task: str, *arguments: Any) -> Answer:
-        """The same for a short task: if its process was ended from outside, it is repeated by a new one."""
+        """The answer to a short task, after earlier tasks. If its process was ended from outside, a new process repeats
+        it."""
         answer = await self.ask(task, *arguments)
         return await self.ask(task, *arguments) if answer == LOST else answer
 
     async def ask_newest(self, task: str, *arguments: Any, patience: float = float("inf")) -> Answer:
-        """The same, but a waiting task is dropped if a newer one arrives, and one that takes longer than `patience` (s)
-        is ended for it."""
+        """The answer to a task, unless a newer one arrives: then it is dropped if it still waits, and ended if it has
+        run for longer than `patience` (s)."""
         ticket = self._newest = object()
         if self.turn.locked() and self._since and time.monotonic() - self._since > patience:
             self.stop()
@@ -118,12 +119,13 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """True if it performs a task, or one waits for it."""
+        """True if the worker performs a task, or if a task waits for the worker."""
         return self._asked > 0
 
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[None]:
-        """Exclusive use of the process by one task; workers that wait for a process check again after it."""
+        """Exclusive use of the process by one task. Afterwards, workers that wait for a process check whether one is
+        free."""
         self._asked += 1
         try:
             async with self.turn:
