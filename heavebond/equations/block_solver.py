@@ -131,7 +131,7 @@ class BlockSolver:
         return range(begin, self._number)
 
     def solve(self, blocks: Sequence[tuple[list[int], list[int]]]) -> None:
-        """Solve the blocks, each the numbers of its rows and columns, in the order in which they can be evaluated.
+        """Solve the blocks in the order in which they can be evaluated; each block is given by its rows and its columns.
 
         A call of CasADi takes longer than its work on one equation. Independent blocks are therefore solved in the same
         calls: blocks of one explicit equation all together, loops stage by stage."""
@@ -273,8 +273,8 @@ class BlockSolver:
                                          solution.derived))
 
     def _eliminate(self, blocks: Sequence[_Block]) -> None:
-        """Solve the residuals of torn blocks, none of which contains columns of another, for torn unknowns that are linear
-        in them, if the divisor is safe; one unknown of each block at a time.
+        """Solve residuals of torn blocks for torn unknowns that occur linearly, if the divisor is safe. One unknown of each
+        block is solved for at a time; no block contains columns of another.
 
         Their definitions precede the sequence of the block; the remaining torn unknowns are algebraic unknowns.
         """

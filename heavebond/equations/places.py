@@ -94,8 +94,8 @@ class Place:
 
 
 def sources_of(flat: Flat) -> dict[str, Node]:
-    """All through variables of all nodes of a flat model by name (`crown.f`), each as a node whose virtual source sets
-    it."""
+    """The places of virtual sources at nodes, by the name of the through variable (`crown.f`) that the source adds to the
+    balance of the node."""
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     return {name: replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
             for k, through in enumerate(node.domain.through) for name in [f"{node.name}.{through}"] if name in balances}

@@ -104,7 +104,8 @@ class _System:
         return min(usable, key=lambda c: (len(self.rows_of[c]), not entries[c].expression.is_constant(), c), default=None)
 
     def solve(self, row: int, column: int) -> tuple[Solution, list[int]]:
-        """Solve a row for a column and remove it from the others; the solution, and the rows that changed."""
+        """Solve a row for a column and insert the solution into all other rows; returns the solution and the rows that
+        changed."""
         entries, constant = self.rows.pop(row), self.constants[row]
         divisor = entries.pop(column)
         total = constant

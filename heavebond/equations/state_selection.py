@@ -192,9 +192,9 @@ def _peeled(constraints: Constraints, rows: Sequence[int], orders: Mapping[int, 
             ) -> tuple[list[Column], list[int]]:
     """The dummy derivatives that equations with constant coefficients give at every point, and the remaining equations.
 
-    Unknowns that an equation with two constant coefficients relates are one. If such a set occurs in one equation only, with
-    a constant coefficient, and is not preferred as a state to another one in it, it follows from that equation whatever the
-    others are. Thus the positions along a tree of bodies follow from the coordinates of its joints."""
+    Unknowns are in one set if an equation with two constant coefficients relates them. If a set occurs in one equation only,
+    with a constant coefficient, and another set of this equation is at least as suitable as a state, the equation determines
+    it at every point. Thus the positions along a tree of bodies follow from the coordinates of its joints."""
     set_of = {j: j for j in orders}
 
     def root(j: int) -> int:

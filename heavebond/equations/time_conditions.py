@@ -221,8 +221,8 @@ class _Walk:
         return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
 
     def _held(self, above: ca.SX) -> ca.SX | None:
-        """The condition `above` > 0 in terms of held variables; None if it contains more than the time and constants, or
-        held variables nonlinearly."""
+        """The condition `above` > 0 in terms of held variables; None if it contains anything else than the time, constants
+        and held variables, or if it is nonlinear in these."""
         slope = ca.jacobian(above, self.time)
         names = {s.element_hash() for s in ca.symvar(above)} - {self.time.element_hash()}
         if not ca.depends_on(above, self.time) or not names <= self.constants:

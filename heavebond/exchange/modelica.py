@@ -141,8 +141,8 @@ class _Begun:
 
 
 def _begun(assembly: Assembly) -> _Begun:
-    """The start of a run of a diagram with its events; its equations are the equations of the run, which fills nodes without
-    capacity if it fails otherwise (see `run_by_auto`)."""
+    """The start of a run of a diagram with its events, and the equations of this run. If the run fails otherwise, small
+    volumes are added to nodes without capacity (see `run_by_auto`); the equations then contain them."""
     span, begin = np.array([assembly.begin, assembly.begin + AT_ONCE]), assembly.begin
     try:
         run = run_by_auto(Simulator(assembly, *(() if assembly.model.until else (AT_ONCE,)), solver="auto"))

@@ -80,8 +80,8 @@ def literal(number: float) -> str:
 
 
 def written(expressions: Iterable[ca.SX], names: Mapping[int, Term], fresh: Callable[[str], str] | None = None) -> Written:
-    """Scalar expressions in the `names` of their symbols (by hash). With `fresh`, which gives unused names, a long
-    expression that occurs repeatedly becomes a variable; without, it is repeated."""
+    """Write scalar expressions as Modelica; `names` are the texts of the symbols, by their hash. With `fresh`, which
+    gives unused names, a long expression that occurs repeatedly becomes a variable; without, it is repeated."""
     column = stack(expressions)
     symbols = ca.symvar(column)
     function = ca.Function("f", [stack(symbols)], [ca.cse(ca.densify(column))])

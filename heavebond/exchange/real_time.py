@@ -197,7 +197,8 @@ def header_text(exported: Portable, prefix: str, program: FixedStepProgram) -> s
 
 
 def _indices(prefix: str, quantities: Iterable[tuple[int, Quantity]]) -> list[str]:
-    """One enumerator with its comment for each quantity and its index; equal names of C get their index."""
+    """One enumerator with a comment for each quantity, whose value is the index of the quantity. If two quantities have the
+    same name in C, the index is appended."""
     lines, used, k = [], set[str](), 0
     for k, q in quantities:
         name = c_name(f"{prefix}{q.name}")

@@ -181,7 +181,8 @@ class _Builder:
 
     def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int],
                       ports: dict[str, int]) -> None:
-        """Store and loss as two elements that share the difference of two ports, or the effort of one port."""
+        """Add the store and the loss of a component as two elements with the same across variable: the difference between
+        its two ports, or the value at its port."""
         self.beside.append(path)
         domain_found = self._domains()[domain]
         middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(domain_found) else (ONE_JUNCTION, ZERO)

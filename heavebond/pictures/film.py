@@ -60,7 +60,7 @@ def save_picture(motion: Motion, path: Path, at: float) -> None:
 
 
 def _in_plane(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
-    """A figure and the function that draws the machine at frame k in it."""
+    """A figure and the function that draws the machine in a plane at frame k in it."""
     left, bottom, right, top = motion.edges
     inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
     figure = Figure(figsize=(inch * (right - left), inch * (top - bottom)), dpi=DPI)
@@ -95,7 +95,7 @@ def _in_plane(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
 
 
 def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
-    """The same for a machine in space."""
+    """A figure and the function that draws the machine in space at frame k in it."""
     low, high = np.array(motion.edges[:3]), np.array(motion.edges[3:])
     camera = Camera((low + high) / 2, float(np.linalg.norm(high - low)) / 2 or 1.0, *motion.camera)
     # the picture ends at the corners of the box around the machine

@@ -311,10 +311,11 @@ def _z_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
 
 
 def _phase(channel: StateSpace, frequencies: Array, response: NDArray[np.complex128]) -> Array:
-    """The phase in degrees of a response (N,), of which the angle leaves the turns open: these are those of the poles and
-    zeros, each stable or undamped one from 0 to 90 degrees, an unstable one back, an integrator 90, and a negative gain
-    -180. Without a pole or zero at 0 it begins between -180 and 180. Where zeros are not found (many states) or not exactly,
-    it is without jumps from there."""
+    """The phase in degrees of a response (N,), with the multiple of 360 degrees that follows from the poles and zeros.
+
+    A stable or undamped zero adds 0 to 90 degrees, an unstable one subtracts them; poles have the opposite sign. A zero at 0
+    adds 90 degrees, a negative gain -180. Without a pole or zero at 0, the phase begins between -180 and 180. If the zeros
+    are not found (many states), or not exactly, the phase is continued without jumps."""
     angle = np.degrees(np.angle(response))
     plain = np.asarray(np.degrees(np.unwrap(np.radians(np.where(angle > 180 - 1e-4, angle - 360, angle)))))
     if len(channel.states) > LINEAR_SYSTEM.zeros or channel.higher[1].any() or channel.period is not None:

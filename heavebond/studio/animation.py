@@ -22,12 +22,12 @@ SIGNAL = "signal"
 
 
 def animation(result: Result) -> tuple[Entry, Array]:
-    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its time series, its unit
-    and its largest size; and the time series, (1 + rows, F), the first of them the time in s.
+    """The quantities of a run on its drawing: `effort`, `flow` and `power` of each node, `energy` and `loss` of each part.
+    For each quantity: the row of its time series, its unit and its largest magnitude. The time series are (1 + rows, F); the
+    first row is the time in s.
 
-      The across variable of a node keeps its sign; its through variable is the size of the largest at its ports; the
-      power through a node is half the sum of the sizes of the powers at its ports. `loss` is the power that a part
-      dissipates.
+    The across variable of a node has its sign. Its through variable is the largest magnitude at its ports. The power through
+    a node is half the sum of the magnitudes at its ports. `loss` is the power that a part dissipates.
     """
     flat = result.assembly.flat
     wanted = [*_of_nodes(flat), *_of_parts(flat)]

@@ -86,8 +86,8 @@ def arguments(group: click.Group, name: str, values: Mapping[str, Any]) -> list[
 
 
 def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
-    """Run a command on a document: its printed text, its picture, and the files that it wrote. UsageError with its message
-    if it fails."""
+    """Run a command on a document: its printed text, its picture, and the files that it wrote. If the command fails,
+    a UsageError has its message."""
     group, name = _group(str(options["command_line"])), str(options.get("command", ""))
     words = arguments(group, name, dict(options.get("values") or {}))
     command, written = group.commands[name], ""
