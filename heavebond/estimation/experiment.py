@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, listing, suggest
 from heavebond.core.presentation import brief, count
-from heavebond.core.units import Range, UnitProblem, counts_from_origin, interval_unit, parse_range, unit
+from heavebond.core.units import Range, UnitProblem, counts_from_origin, interval_unit, parse_quantity, parse_range, unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput
 from heavebond.language.edits import Change
@@ -250,6 +250,15 @@ class Experiment:
         return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
 
 
+def _is_quantity(text: str) -> bool:
+    """True for a number with or without a unit."""
+    try:
+        parse_quantity(text)
+    except UnitProblem:
+        return False
+    return True
+
+
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
     """The experiment with measured inputs redirected to other inputs, by the names of both."""
     def redirected(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
@@ -426,6 +435,12 @@ class _Reader:
         for name, _, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar) and item.text in known:
                 moves[item.text] = name
+            elif isinstance(item, Scalar) and _is_quantity(item.text):
+                part, _, signal = name.rpartition(".")
+                self.problems.add(
+                    "input-constant", f"input '{name}' has a value ({item.text}) instead of a column", item.place,
+                    hint=f"Write a constant value in the diagram (`{signal}: {item.text}` at {part}), or for one record "
+                    f"`set: {{{name}: {item.text}}}` there. A measured input is `{name}: {{column: ..., unit: ...}}`.")
             elif isinstance(item, Scalar):
                 self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could replace",
                                   item.place, hint=suggest(item.text, known)
