@@ -42,7 +42,7 @@ EXTENDING, COMPRESSING, KNEE = 1700.0, 1100.0, 0.25  # N*s/m at low speed, m/s
 
 def record(path: Path, seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
-    time = np.arange(0, 16, 0.005)
+    time = np.arange(0, 8, 0.005)
     frequency, phase = rng.uniform(0.3, 12, 20), rng.uniform(0, 2*np.pi, 20)
     samples = size*np.minimum(time/0.5, 1)*np.sin(2*np.pi*np.outer(time, frequency) + phase).sum(1)/np.sqrt(20)
     road = CubicSpline(time, samples)  # the input between its samples is the spline that the experiment names
@@ -52,7 +52,7 @@ def record(path: Path, seed: int, size: float) -> None:
         force = 21e3*(y[0] - y[2]) + (EXTENDING if v > 0 else COMPRESSING)*v/np.hypot(1, v/KNEE)
         return [y[1], -force/310, y[3], (force + 180e3*(float(road(t)) - y[2]))/38]
 
-    found = solve_ivp(rate, (0, 16), np.zeros(4), t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.005).y
+    found = solve_ivp(rate, (0, 8), np.zeros(4), t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.005).y
     travel = 1e3*(found[0] - found[2]) + 0.2*rng.normal(size=len(time))
     speed = 1e3*found[1] + 3*rng.normal(size=len(time))
     rows = np.column_stack([time, 1e3*samples, travel, speed])
