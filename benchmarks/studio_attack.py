@@ -144,8 +144,8 @@ def prepare(top: Path) -> Path:
 
 def _seen(top: Path) -> dict[str, bytes]:
     """The files outside the opened folder with their contents."""
-    return {str(path): path.read_bytes() for path in sorted(top.rglob("*"))
-            if path.is_file() and top / "opened" not in path.parents and not path.name.startswith("errors_")}
+    outside = [path for part in sorted(top.iterdir()) if part.name != "opened" for path in (part, *sorted(part.rglob("*")))]
+    return {str(path): path.read_bytes() for path in outside if path.is_file() and not path.name.startswith("errors_")}
 
 
 def _violations(answer: str, before: dict[str, bytes], top: Path) -> str:
@@ -207,12 +207,14 @@ def links(server: Server, top: Path, count: Count) -> None:
 
     mover = threading.Thread(target=move)
     mover.start()
-    for k in range(50):
-        answer = ask(page, do="save", name="moving/a.yaml", text=f"model: a{k}\n", base="")
-        answer += ask(page, do="save", name=f"moving/b{k}.yaml", text=CAR, base="")
-        count.note("save in a folder that becomes a link", _violations(answer, before, top))
-    moving.set()
-    mover.join()
+    try:
+        for k in range(50):
+            answer = ask(page, do="save", name="moving/a.yaml", text=f"model: a{k}\n", base="")
+            answer += ask(page, do="save", name=f"moving/b{k}.yaml", text=CAR, base="")
+            count.note("save in a folder that becomes a link", _violations(answer, before, top))
+    finally:
+        moving.set()
+        mover.join()
 
 
 def requests(server: Server, top: Path, count: Count) -> None:

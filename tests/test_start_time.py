@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +150,21 @@ simulate: {{from: {t_0!r} s, until: {t_0 + 0.2!r} s, every: 2 ms}}
     # 2000 tolerances of 1e-8 of the amplitude, as a run from 0 s; steps on rounded times err by 2e-3
     assert sign * found["b.x"] == pytest.approx(exact, abs=2e-5 * np.abs(exact).max())
     assert np.all(np.isfinite(found.sensitivity("b.x", "mass.m")))
+
+
+def test_a_delayed_loop_keeps_its_answer_at_the_times_of_a_unix_clock() -> None:
+    """x' = -2 x(t - 0.25 s): the first steps of the integrator are shorter than the spacing of numbers at 1.4e9 s, and the
+    history has one time for several of them."""
+    def ends(begin: float) -> np.ndarray:
+        return hb.simulate(hb.loads(f"""
+model: loop
+components:
+  x: {{is: Integrator, k: 1 1/s, u: =-2*late.y}}
+  late: {{is: Delay, T: 0.25 s, u: =x.y}}
+initial: {{x.y: 1}}
+simulate: {{from: {begin!r} s, until: {begin + 2!r} s, every: 0.1 s}}
+""")).si["x.y"]
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert ends(1.4e9) == pytest.approx(ends(0.0), abs=1e-4)

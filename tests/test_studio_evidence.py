@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import AsyncIterator, Callable
 from functools import partial
 from pathlib import Path
@@ -28,6 +29,7 @@ from heavebond.studio.diagram_edits import with_records
 from heavebond.studio.evidence import Evidence, written_experiment
 from heavebond.studio.folder import Folder
 from heavebond.studio.job import Job
+from heavebond.studio.job_process import JobProcess
 from heavebond.studio.long_jobs import KINDS, LongJob, LongJobs
 from heavebond.studio.long_tasks import TASKS
 from heavebond.studio.record_upload import plain_name, store
@@ -392,3 +394,17 @@ def test_a_diagnosis_has_the_figures_of_the_command_line(rig: Path) -> None:
     found = json.loads(json.dumps(told["figures"]))
     assert {**found, "seconds": 0} == {**{k: expected[k] for k in found}, "seconds": 0}
     assert found["ladder"] == told["ladder"] and found["verdict"] == "effect"
+
+
+def test_a_studio_that_ends_while_a_computation_begins_leaves_no_trace(monkeypatch: pytest.MonkeyPatch,
+                                                                       tmp_path: Path) -> None:
+    """The thread that hears the end of the studio interrupts the computation before its start has returned."""
+    told = list[str]()
+
+    def interrupted(self: threading.Thread) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    monkeypatch.setattr(JobProcess, "tell", lambda self, kind, *content: told.append(kind))
+    JobProcess(None).serve("fit", str(tmp_path / "fit.yaml"), {})  # type: ignore[arg-type]
+    assert told == ["stopped"]

@@ -84,8 +84,8 @@ _CHECKED = np.vander(_BETWEEN, DELAY_TERMS, increasing=True)
 
 @dataclass
 class Stretch:
-    """A part of the history without discontinuities: times (n,) and values (n, rows) of the sources and, in further rows,
-    their sensitivities. Both grow in place."""
+    """A part of the history without discontinuities: times (n,), from the begin of the run, and values (n, rows) of the
+    sources and, in further rows, their sensitivities. Both grow in place."""
 
     number: int = 0
     _times: Array = field(default_factory=lambda: np.zeros(64))
@@ -102,7 +102,11 @@ class Stretch:
         return self._values[:self.number]
 
     def add(self, times: Array, values: Array) -> None:
-        """Append samples (n,) and (rows, n)."""
+        """Append samples (n,) and (rows, n). Far from 0, short steps of the integrator may end at one rounded time: the
+        first sample counts."""
+        rises = np.diff(times, prepend=self.times[-1] if self.number else -np.inf) > 0
+        if not rises.all():
+            times, values = times[rises], values[:, rises]
         end = self.number + len(times)
         if not self._values.shape[1]:
             self._values = np.zeros((len(self._times), len(values)))
@@ -130,8 +134,8 @@ class Stretch:
         apart, middle = DELAYS.apart * (known[high] - known[low]), (known[high] + known[low]) / 2
         stencil, valid = [low, high], [np.ones(len(times), bool)] * 2
         for _ in range(DELAYS.stencil - 2):
-            lower = np.searchsorted(known, known[low] - apart, side="right") - 1
-            upper = np.searchsorted(known, known[high] + apart, side="left")
+            lower = np.minimum(np.searchsorted(known, known[low] - apart, side="right"), low) - 1
+            upper = np.maximum(np.searchsorted(known, known[high] + apart, side="left"), high + 1)
             nearer = middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle
             shift_left = (lower >= 0) & ((upper >= number) | nearer)
             shift_right = ~shift_left & (upper < number)
@@ -192,10 +196,12 @@ class Delays:
                     f"{end - t:g} s into {(end - t) / length if length > 0 else float('inf'):.2g} windows", delay.place,
                     "Give a delay of 0 s, which passes the signal through, an approximation without history (for a Delay "
                     "`m: 3`), or run for a shorter time.")])
+        # of the times beside a discontinuity: far from 0 the history cannot be followed more exactly
+        self.rounding = DELAYS.beside * EVENTS.same_roundings * float(np.spacing(max(abs(t), abs(end))))
         index = [d.index for d in self.delays]
         self.before: Array = np.concatenate([p[index], dp[index].T.ravel()])
         self.stretches: list[Stretch] = []
-        self.starts: list[float] = []  # of the stretches
+        self.starts: list[float] = []  # of the stretches, from the begin of the run
         self.breaks: list[tuple[float, Array]] = []  # discontinuities and their sensitivities (m,)
         self._next = [0] * self.n  # the first discontinuity of each delay that has not returned yet
         self.windows = 0
@@ -231,7 +237,7 @@ class Delays:
     def sample(self, times: Array, values: Array, beside: float = 0.0) -> None:
         """Add samples (n (1 + m), N) to the present stretch; one at its last time takes the place of the last. The values
         are those at times so much later, `beside`: just before or after a discontinuity."""
-        stretch = self.stretches[-1]
+        stretch, times = self.stretches[-1], times - self.begin
         if beside < 0 and stretch.number > 1 and stretch.times[-2] < times[0] + beside - self.same:
             stretch.number -= int(stretch.times[-1] >= times[0] - self.same)
         times = times + beside
@@ -248,13 +254,13 @@ class Delays:
         and their sensitivities (n (1 + m), n)."""
         stretch, differs = self.stretches[-1], np.zeros(len(times), bool)
         for k, rows in enumerate(self._rows):
-            error = np.abs(stretch.at(times, rows) - values[rows])
+            error = np.abs(stretch.at(times - self.begin, rows) - values[rows])
             differs |= (error > DELAYS.scatter * self._allowed(k)[:, None]).any(axis=0)
         return differs
 
     def insert(self, times: Array, values: Array) -> None:
         """Add samples (n (1 + m), N) between those of the present stretch."""
-        self.stretches[-1].insert(times, values)
+        self.stretches[-1].insert(times - self.begin, values)
         self.largest = np.maximum(self.largest, np.abs(values).max(axis=1))
 
     def cut(self, t: float, sensitivity: Array) -> None:
@@ -262,11 +268,11 @@ class Delays:
         if self.stretches and not self.stretches[-1].number:
             return
         self.stretches.append(Stretch())
-        self.starts.append(t)
+        self.starts.append(t - self.begin)
         self.breaks.append((t, sensitivity))
 
     def _history(self, k: int, times: Array) -> Array:
-        """The source of a delay, with sensitivities, at times of its history (1 + m, N)."""
+        """The source of a delay, with sensitivities, at times of its history, from the begin of the run (1 + m, N)."""
         rows = self._rows[k]
         history = np.tile(self.before[rows][:, None], (1, len(times)))
         first, last = (bisect_right(self.starts, float(at)) - 1 for at in (times.min(), times.max()))
@@ -300,8 +306,8 @@ class Delays:
     def _allowed(self, k: int) -> Array:
         """The admissible errors (1 + m,) of a delayed variable and its sensitivities."""
         scale = self.largest[self._rows[k]]
-        return np.asarray(DELAYS.tolerance * (self.rtol * scale + self.atol[k] * np.where(np.arange(1 + self.m), 0.0, 1.0)
-                                              ) + 1e-13 * scale + 1e-300)
+        relative, absolute = max(self.rtol, self.rounding / self.lengths[k]), np.where(np.arange(1 + self.m), 0.0, 1.0)
+        return np.asarray(DELAYS.tolerance * (relative * scale + self.atol[k] * absolute) + 1e-13 * scale + 1e-300)
 
     # -- windows ---------------------------------------------------------------------------------------------------
     def open(self, t: float, limit: float) -> tuple[float, float]:
@@ -383,18 +389,21 @@ class Delays:
         sensitivities; and the errors (N, 1 + m) of the interpolation, also at the samples of the history, between which a
         short motion may lie."""
         middle, half, length = (a + b) / 2, (b - a) / 2, float(self.lengths[k])
-        at = (middle - length)[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
+        back = middle - self.begin - length  # the middle in the history, from the begin of the run: not rounded far from 0
+        at = back[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
         values = self._history(k, at.ravel()).reshape(1 + self.m, *at.shape).swapaxes(0, 1)
         terms = values[:, :, :DELAY_TERMS] @ _TO_TERMS.T
         errors = np.abs(terms @ _CHECKED.T - values[:, :, DELAY_TERMS:]).max(axis=2)
         allowed = self._allowed(k)
         for n in np.flatnonzero(np.all(errors <= allowed, axis=1)):
-            stretches = slice(max(bisect_right(self.starts, a[n] - length) - 1, 0), bisect_left(self.starts, b[n] - length))
+            first_at, last_at = a[n] - self.begin - length, b[n] - self.begin - length
+            stretches = slice(max(bisect_right(self.starts, first_at) - 1, 0), bisect_left(self.starts, last_at))
             for stretch in self.stretches[stretches]:
-                first, last = np.searchsorted(stretch.times, (a[n] - length, b[n] - length))
+                first, last = np.searchsorted(stretch.times, (first_at, last_at))
                 if last > first:
                     chosen = np.linspace(first, last - 1, min(last - first, DELAYS.piece_samples)).astype(int)
-                    powers = np.vander((stretch.times[chosen] - middle[n] + length) / half[n], DELAY_TERMS, increasing=True)
+                    away = stretch.times[chosen] - (middle[n] - self.begin) + length
+                    powers = np.vander(away / half[n], DELAY_TERMS, increasing=True)
                     samples = stretch.values[np.ix_(chosen, self._rows[k])].T
                     errors[n] = np.maximum(errors[n], np.abs(terms[n] @ powers.T - samples).max(axis=1) / DELAYS.scatter)
         slopes = np.pad(terms[:, 0, 1:] * np.arange(1, DELAY_TERMS), ((0, 0), (0, 1))) / half[:, None]

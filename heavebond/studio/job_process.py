@@ -71,9 +71,9 @@ class JobProcess:
         """Compute, then write the requested files until the server leaves."""
         from heavebond.studio.long_tasks import TASKS
 
-        threading.Thread(target=self.listen, daemon=True).start()
         write: Writing | None = None
         try:
+            threading.Thread(target=self.listen, daemon=True).start()  # it may interrupt this thread at once
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 entry, arrays, write = TASKS[kind](Path(path), options, self)
