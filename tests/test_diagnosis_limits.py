@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 import heavebond as hb
-from heavebond.diagnosis.answer.sentences import opposite_signs
+from heavebond.diagnosis.answer.sentences import better_values, opposite_signs
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.search.refit import at_end_of, begun, borrowed, refitted_at
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import _courses, _meaningless, _step, fitted_base
+from heavebond.diagnosis.search.step import _courses, _meaningless, _step, fitted_base, make_value_stage
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import BROKEN, Residuals
 
@@ -173,3 +173,22 @@ def test_friction_of_the_wrong_sign_points_to_the_sign_of_an_input(tmp_path: Pat
     assert not hints[0]
     assert hints[1][0].startswith("Dry friction between rod and the surroundings of the opposite sign") \
         and "the measured input machine.u (`factor: -1`)" in hints[1][0]
+
+
+def test_a_value_that_predicts_better_than_the_first_effect_is_reported(tmp_path: Path) -> None:
+    """The moment of inertia is 15 % above the value in the diagram; friction is missing too, so that no value alone is the
+    answer."""
+    written(tmp_path, "swing.yaml", SWING.replace("0.9 rad", "0.3 rad"))
+    t = np.linspace(0, 8, 161)
+    swing = 0.3 * np.exp(-0.02 * t) * np.cos(np.sqrt(0.107 * 9.81 * 0.23 / (1.15 * 7.2e-3)) * t)
+    noise = np.random.default_rng(1).normal(0, 2e-3, len(t))
+    pd.DataFrame({"time": t, "pivot.phi": swing + noise}).to_csv(tmp_path / "swing.csv", index=False)
+    experiment = load_experiment(written(tmp_path, "swung.yaml", SWUNG.split("free:")[0]))
+    laws = [c for c in candidates(experiment) if set(c.where) == {"frame", "pivot"}
+            and c.component in ("RotationalDamper", "TorsionSpring")]
+    first = _step(experiment, laws, 1, 60.0, lambda text: None)
+    values = make_value_stage(experiment, number=1, seconds=60.0)
+    (words,) = better_values(values, first, ())
+    named = {name for name in ("rod.J", "weight.m", "weight.l", "weight.g") if name in words}
+    assert words.startswith("Without any effect, ") and "rod.J" in named and len(named) == 4, words
+    assert better_values(values, first, tuple(named)) == []

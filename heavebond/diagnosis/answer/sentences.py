@@ -298,11 +298,15 @@ def better_values(values: Stage | None, first: Stage, known: Sequence[str]) -> l
     near = [t for t in trials if loss(t) <= (1 + DECISION.material) * loss(trials[0])]
     if not near:
         return []
-    one = len(near) == 1
+    names = {s.candidate.label: s.candidate.name for s in values.scores}
+    texts = [_revalued(t) + (f", which acts as {listing(twins)}" if (twins := [
+        names[label] for label in values.twins.get(t.candidate.label, ()) if label in names]) else "")
+        for t in near[:MENTIONED]]
+    one = len(near) == 1 and " which acts as " not in texts[0]
     alone = "" if effect is None else f", with {called(effect.candidate)} alone {number(largest, 3)}"
-    return [f"Without any effect, {joined([*map(_revalued, near[:MENTIONED])], 'or')} explains "
-            f"{_share(share_taken(first.errors, near[0].errors, *ALL))} % of the misfit (chi-square of all predictions "
-            f"{number(loss(near[0]), 3)}{alone}): check {'that value' if one else 'these values'}, or put "
+    share = _share(share_taken(first.errors, near[0].errors, *ALL))
+    return [f"Without any effect, {joined(texts, 'or')} explains {share} % of the misfit (chi-square of all "
+            f"predictions {number(loss(near[0]), 3)}{alone}): check {'that value' if one else 'these values'}, or put "
             f"{'it' if one else 'one of them'} under `free:` and diagnose again."]
 
 
