@@ -73,7 +73,11 @@ def test_of_a_run_with_many_evaluations_between_two_samples_less_is_looked_at(co
         part = excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations))
         assert part.records["train"].end == pytest.approx(grid[end - 1])
     assert excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations), points) is EXPERIMENT
+    # a large misfit needs few samples
+    monkeypatch.setattr(excerpts, "EXCERPTS", replace(excerpts.EXCERPTS, long_clear=points - 1, excerpt=500))
+    assert excerpts.excerpt(EXPERIMENT, wrong).records["train"].end == pytest.approx(grid[499])
     monkeypatch.setattr(excerpts, "EXCERPTS", replace(excerpts.EXCERPTS, clear=200.0))  # chi-square is 181
+    assert excerpts.excerpt(EXPERIMENT, wrong) is EXPERIMENT
     assert excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations)) is EXPERIMENT
 
 

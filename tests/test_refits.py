@@ -5,15 +5,18 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.search.schedule import REFITS, RefitSchedule
+from heavebond.diagnosis.search.schedule import FIRST, REFITS, RefitSchedule, planned
+from heavebond.diagnosis.search.scoring import Score
 from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000
+NODES = SimpleNamespace(nodes={})
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,11 @@ class Workers:
 
 
 def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0, explained: float = 0.0,
-         postponed: Sequence[str] = ()) -> tuple[bool, dict[str, float]]:
+         postponed: Sequence[str] = (), misfit: float = 0.0) -> tuple[bool, dict[str, float]]:
     """Whether all was done, and the figure that each candidate was left with; a trial below `explained` explains the
-    misfit."""
-    refits = RefitSchedule(cast(Any, workers), lambda text: None, lambda trial: trial.chi2_fit < explained)
+    misfit. `misfit` is the figure without candidates, of a later step."""
+    refits = RefitSchedule(cast(Any, workers), lambda text: None, lambda trial: trial.chi2_fit < explained,
+                           whole=SAMPLES * misfit)
     first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
     whole = refits.make(first, others, clock.perf_counter() + seconds)
     assert refits.postponed == [*postponed]
@@ -98,6 +102,27 @@ def test_where_nothing_comes_near_the_noise_all_are_followed() -> None:
     workers = Workers({"a": (500.0, 1.0), "b": (30.0, 20.0), "c": (800.0, 700.0)})
     assert made(workers, "ab", "c") == (True, {"a": 1.0, "b": 20.0, "c": 700.0})
     assert workers.followed == ["b", "a", "c"]
+
+
+def test_in_a_later_step_inferior_refits_are_not_followed() -> None:
+    """`a` removes 100 of 1000 and `b` 600, of which a quarter is 150; `c` still falls."""
+    figures = {"a": (900.0, 1.0), "b": (400.0, 300.0), "c": (950.0, 940.0), "d": (850.0, 840.0)}
+    workers = Workers(figures, falling="c")
+    assert made(workers, "abcd", "", misfit=1000.0) == (True, {"a": 900.0, "b": 300.0, "c": 940.0, "d": 840.0})
+    # the best one removes less than a fifth
+    assert made(Workers({**figures, "b": (810.0, 805.0)}), "abcd", "", misfit=1000.0)[1]["a"] == 1.0
+
+
+def test_in_a_later_step_small_scores_are_refitted_for_the_first_candidates_only() -> None:
+    def scored(number: int, gain: float) -> Score:
+        candidate = SimpleNamespace(
+            label=f"c{number}", kind=f"k{number}", where=(), vanishes=True, numbers=(), component=f"k{number}", change=NODES)
+        return Score(cast(Any, candidate), {}, gain**0.5, 1.0, np.zeros(0), 1.0, 1.0, np.eye(40)[number], ("a",), 1)
+
+    scores = [scored(k, 100.0 - k) for k in range(30)]
+    for needed, number in ((0.0, 30), (80.5, 20), (99.5, FIRST)):
+        leading, remaining, _ = planned(scores, {}, needed)
+        assert (len(leading), len(remaining)) == (number, 30 - number)
 
 
 def test_the_rest_waits_for_the_next_step_if_a_law_explains_most_and_more_than_noise_is_left() -> None:

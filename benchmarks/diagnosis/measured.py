@@ -4,6 +4,7 @@
     python -m benchmarks.diagnosis.measured FOLDER silverbox            this one again
     python -m benchmarks.diagnosis.measured FOLDER --base               only fits of the diagrams, without a diagnosis
     python -m benchmarks.diagnosis.measured FOLDER passive_rig/friction a bundled experiment, or the path of one
+    python -m benchmarks.diagnosis.measured FOLDER emps --without "dry friction"   without the laws of a class, or this law
     python -m benchmarks.diagnosis.measured FOLDER --table              compare the results on disk with the known effects
 
 FOLDER holds the records as text, in one folder for each set. They are not bundled. The sets are data: `measured/sets.yaml`
@@ -33,6 +34,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.experiment import Experiment
+from heavebond.language.definition import Component
 
 STUDY = "measured"
 SECONDS = 600.0
@@ -82,6 +84,16 @@ def experiment(name: str, folder: Path) -> Experiment:
     return replace(unplaced, records=records)
 
 
+def without_effects(given: Experiment, removed: Sequence[str]) -> Experiment:
+    """The experiment with a catalogue without the effects of these components and classes."""
+    library, parts = given.model.library, dict[str, Component]()
+    for component in library.effects():
+        kept = tuple(e for e in component.effects if component.name not in removed and e.kind not in removed)
+        if len(kept) < len(component.effects):
+            parts[component.name] = replace(component, effects=kept)
+    return replace(given, model=replace(given.model, library=library.with_components(parts)))
+
+
 def errors(comparison: Comparison) -> dict[str, dict[str, list[object]]]:
     """Error of each channel of each record and held-out part: root mean square, its unit, its share of what was measured."""
     return {part.name: {c.name: [c.error, c.unit, c.relative] for c in part.channels.values()} for part in comparison.parts}
@@ -118,11 +130,14 @@ def base(name: str, folder: Path) -> dict[str, object]:
             "before": errors(fitted.before), "after": errors(fitted.after)}
 
 
-def diagnosis(name: str, folder: Path, seconds: float, samples: int | None, classes: Sequence[str]) -> dict[str, object]:
-    """The answer of a set and the places of `localize`, with their processor times."""
+def diagnosis(name: str, folder: Path, seconds: float, samples: int | None, classes: Sequence[str],
+              removed: Sequence[str] = ()) -> dict[str, object]:
+    """The answer of a set and the places of `localize`, with their processor times; `removed` are the components and
+    classes that the catalogue lacks."""
     began = clock.process_time()
-    found = hb.diagnose(experiment(name, folder), number=1, seconds=seconds, samples=samples, classes=classes)
-    result = row(found, clock.process_time() - began, classes)
+    found = hb.diagnose(without_effects(experiment(name, folder), removed), number=1, seconds=seconds, samples=samples,
+                        classes=classes)
+    result = row(found, clock.process_time() - began, classes) | ({"without": removed} if removed else {})
     try:
         return {**result, "places": places(name, folder)}
     except HeavebondError as error:
@@ -182,6 +197,8 @@ def main() -> None:
     parser.add_argument("--processor", action="store_true", help="`--seconds` are processor time")
     parser.add_argument("--samples", type=int, help="of long records, for the search")
     parser.add_argument("--only", action="append", default=[], metavar="CLASS", help="effects of this class")
+    parser.add_argument("--without", action="append", default=[], metavar="NAME",
+                        help="diagnose without the effects of this component or class")
     parser.add_argument("--base", action="store_true", help="fit the diagrams, diagnose nothing")
     parser.add_argument("--table", action="store_true", help="print the results on disk")
     parser.add_argument("--study", help="file of the results, without ending")
@@ -196,8 +213,8 @@ def main() -> None:
     for name in given.sets or [n for n in SETS if n not in done]:
         try:
             result = base(name, folder) if given.base else diagnosis(
-                name, folder, given.seconds, given.samples, given.only)
-            result["key"] = "/".join(Path(name).with_suffix("").parts[-2:])
+                name, folder, given.seconds, given.samples, given.only, given.without)
+            result["key"] = " ".join(["/".join(Path(name).with_suffix("").parts[-2:]), *(f"without {n}" for n in given.without)])
         except HeavebondError as error:
             print(f"{name}: {error}", flush=True)
             continue

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, isfinite, nan
 
 from heavebond.core.cancellation import Budget
@@ -295,7 +296,7 @@ def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
     def remaining_time() -> float:
         return task.budget.left(reserved)
 
-    def stepping(experiment: Experiment, selection: Selection) -> Stage:
+    def stepping(experiment: Experiment, selection: Selection, review: bool = False) -> Stage:
         # the effects that are not yet confirmed have the figures on the searched samples
         task.grow([*(entry.as_dict() for entry in state.models),
                    *({"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan,
@@ -303,7 +304,7 @@ def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
                      for added in selection)])
         beside = f" beside {listing(added.candidate.label for added in selection)}" if len(selection) > 1 else ""
         return make_stage(experiment, beside=[added.candidate for added in selection], number=task.number,
-                          seconds=remaining_time(), classes=task.classes, thorough=not selection,
+                          seconds=remaining_time(), classes=task.classes, thorough=not selection, review=review,
                           progress=lambda text: task.say(f"step {len(selection) + 1}{beside}: {text}"))
 
     cut_short: set[str] = set()
@@ -322,7 +323,7 @@ def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
         if last is not None and (last.left.significant or last.partial):
             break
         for selection, last in select_stepwise(at_fit(searched, state.base), stepping, task.say, task.steps,
-                                               remaining_time, calibrating):
+                                               remaining_time, calibrating, partial(stepping, review=True)):
             state = replace(state, searched=searched, selection=selection, last=last, untried=tuple(cut_short))
             yield state
     assert last is not None

@@ -26,6 +26,8 @@ class ExcerptConstants:
     refits that reduce a large misfit by nothing. Doubled: more records are searched completely.
     long: samples of all fitted records together from which a search uses an excerpt. Origin: the time of a search. Doubled:
     whole records are searched twice as often.
+    long_clear: the same for a misfit that is `clear`. Origin: twice the excerpt, so that it saves at least half of the time.
+    Doubled: as above.
     excerpt: samples of an excerpt, at least. Origin: the time of a run. Doubled: twice the time, narrower intervals in a
     search.
     least: samples of an excerpt if each counts several times. Origin: on fewer, another law of the class led in an
@@ -39,6 +41,7 @@ class ExcerptConstants:
     evaluations: float = 10.0
     clear: float = 10.0
     long: int = 30_000
+    long_clear: int = 10_000
     excerpt: int = 5_000
     least: int = 2_500
     max_extension: int = 4
@@ -52,17 +55,18 @@ EXCERPTS = ExcerptConstants()
 def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = None) -> Experiment:
     """The experiment on the beginnings of its records, with `samples` points in time of all fitted records together; the
     experiment itself if it has no more. Without `samples` the excerpt has `excerpt` points if there are more than
-    `long`, and with a misfit that is `clear` a sample counts by its evaluations. `compared` is the comparison with its
-    model, which shows the times of the misfit."""
+    `long`; with a misfit that is `clear`, if there are more than `long_clear`, and a sample counts by its evaluations.
+    `compared` is the comparison with its model, which shows the times of the misfit."""
     fitted = [r for r in compared.records.values() if r.use == "fit"]
+    clear = not samples and not min(r.chi2 for r in fitted) < EXCERPTS.clear
     cost = 1
-    if not samples and not min(r.chi2 for r in fitted) < EXCERPTS.clear:
+    if clear:
         for r in fitted:  # weight of a sample by the number of evaluations of a run between two samples
             taken = r.result.statistics.get("nfevals")
             between = float(taken) / len(r.result.time) if isinstance(taken, (int, float)) else 0.0
             cost = max(cost, round(between / EXCERPTS.evaluations))
-    points = cost * sum(len(r.result.time) for r in fitted)
-    if points <= (samples or EXCERPTS.long):
+    number_of_points = sum(len(r.result.time) for r in fitted)
+    if cost * number_of_points <= (samples or EXCERPTS.long) and not (clear and number_of_points > EXCERPTS.long_clear):
         return experiment
     most = max(1, (samples or max(EXCERPTS.excerpt // cost, EXCERPTS.least)) // len(fitted))
     records = dict(experiment.records)

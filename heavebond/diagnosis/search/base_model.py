@@ -123,24 +123,33 @@ def finer(problem: Residuals) -> Residuals:
     return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
 
 
-def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
+def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None,
+               assembled: dict[str, Assembly] | None = None) -> dict[str, Run]:
     """Runs of all records by IDAS. The runs of the fitted records use the diagram of `fitted`. The runs of the other
-    records read the measured data from `like` if it contains a run of the record (possibly with another diagram)."""
+    records read the measured data from `like` if it contains a run of the record (possibly with another diagram), and keep
+    the equations that were assembled for a record in `assembled` for the next call with this diagram."""
     fitted_runs = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     first, runs = fitted[0], dict[str, Run]()
     for name, record in experiment.records.items():
-        runs[name] = fitted_runs[name] if name in fitted_runs else Run(
-            experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=(like or {}).get(record.name),
-            assembly=driven_by(first.assembly, experiment, first.record, record))
+        if name in fitted_runs:
+            runs[name] = fitted_runs[name]
+            continue
+        known = driven_by(first.assembly, experiment, first.record, record)
+        runs[name] = Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained,
+                         like=(like or {}).get(record.name), assembly=known or (assembled or {}).get(name))
+        if known is None and assembled is not None:
+            assembled[name] = runs[name].assembly
     return runs
 
 
 @dataclass(frozen=True)
 class Diagram:
-    """A changed diagram: the experiment with this diagram, and the equations for each fitted record."""
+    """A changed diagram: the experiment with this diagram, and the equations for each fitted record; `held_out` are the
+    equations for other records, if the diagram differs there (see `exact_runs`)."""
 
     experiment: Experiment
     assemblies: tuple[Assembly, ...]
+    held_out: dict[str, Assembly] = field(default_factory=dict, repr=False, compare=False)
 
 
 @dataclass(frozen=True)

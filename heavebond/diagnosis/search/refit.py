@@ -327,7 +327,8 @@ class _RefitProblem:
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], finer: int = 0):
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
         self.finer, self.errs = 0, 0.0  # number of tolerance reductions; norm of the residual errors
-        changed = base.diagram(candidate.change).experiment
+        diagram = base.diagram(candidate.change)
+        changed, self.held_out = diagram.experiment, diagram.held_out
         self.runs = base.runs(candidate.change, [])
         self.starts = RefitStarts(base, candidate, guesses, self.runs)
         self.ranges = dict(self.starts.ranges)
@@ -533,7 +534,7 @@ class _RefitProblem:
     def judged(self, inner: Array) -> Refit:
         """Compute the figures of the refit at `inner`, from runs by IDAS."""
         problem, inner = self.problem, self.problem.allowed(inner)
-        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact, self.held_out)
         r = np.concatenate([exact[name].residuals(problem.values_of(inner, name))[0]
                             for name in (run.record.name for run in self.runs)])
         prior = problem.priors(inner)[0]
@@ -577,7 +578,7 @@ class _RefitProblem:
         moving = np.flatnonzero(~problem.at_end(inner))
         fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
         names = list(problem.experiment.free)
-        exact = exact_runs(problem.experiment, self.runs, self.base.exact)
+        exact = exact_runs(problem.experiment, self.runs, self.base.exact, self.held_out)
         residuals, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
         for record in problem.experiment.records.values():
             values = problem.values_of(inner, record.name)

@@ -27,6 +27,10 @@ FIRST = 6  # number of candidates that are started first; others are ended early
 REFITS = 24  # minimum number of refitted candidates, those with the largest scores
 PROMISING = 0.1  # if one law of a class at a place reaches this share of the largest gain, all laws there
 AT_LEAST = 0.01  # that reach this share of it are refitted, too
+# After the first step, at least FIRST candidates are refitted, and the others only if a law of their class at their place
+# has a gain of this share of the misfit: a further effect must explain `DECISION.further` of it
+NEEDED = DECISION.further / 4
+FAR = DECISION.mainly / 2  # share of what the best refit explains below which a refit is inferior after its first steps
 BEGINNING = 2 / 3  # share of the time after which no refit is started, so that promising ones can be continued
 TWINS = 1 - 5e-8  # candidates are equivalent if the cosine of their directions exceeds this,
 ALIKE = 1e-3  # and their gains and shapes agree to this share,
@@ -40,7 +44,8 @@ class RefitSchedule:
     """The refits of a step so far, by the labels of their candidates. `failed` lists the labels of candidates with which
     the diagram could not be simulated, and `postponed` those of promising candidates that are left to a further step.
     `explains` is a predicate: true if a refit explains so much of the misfit that a
-    further step is made before more candidates are refitted."""
+    further step is made before more candidates are refitted. If `whole`, the sum of squares without candidates, is given,
+    inferior refits are not continued."""
 
     workers: Workers
     say: Progress
@@ -48,6 +53,7 @@ class RefitSchedule:
     trials: dict[str, Refit] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
     postponed: list[str] = field(default_factory=list)
+    whole: float = 0.0
 
     def make(self, leading: Sequence[Job], remaining: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates. If none of them comes near the noise, refit the rest as well.
@@ -67,14 +73,26 @@ class RefitSchedule:
                 break
             jobs = leading[begin:end]
             whole &= self._begin(jobs, "", last)
-            self._follow(_hopeful(self.trials.values()), guesses, until)
+            self._follow(self._hopeful(), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
             self._begin(remaining, " others", last)
-            self._follow(_hopeful(self.trials.values()), guesses, until)
+            self._follow(self._hopeful(), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
-            self._follow(self.trials.values(), guesses, until)
-            whole &= not any(self.trials[c.label].begun for c, _ in leading if c.label in self.trials)
+            self._follow([t for t in self.trials.values() if not self._is_inferior(t)], guesses, until)
+            whole &= not any(self.trials[c.label].begun and not self._is_inferior(self.trials[c.label])
+                             for c, _ in leading if c.label in self.trials)
         return whole
+
+    def _hopeful(self) -> list[Refit]:
+        """The refits that may still come near the best one."""
+        least = min((t.cost for t in self.trials.values()), default=0.0)
+        return [t for t in self.trials.values() if (t.cost <= HOPE * least or t.falls) and not self._is_inferior(t)]
+
+    def _is_inferior(self, trial: Refit) -> bool:
+        """True if a refit explains less than the share `FAR` of what the best refit explains, its first steps did not fall
+        steeply, and the best one explains enough for a further effect."""
+        best = self.whole - min(t.cost for t in self.trials.values())
+        return best >= DECISION.further * self.whole > 0 and not trial.falls and self.whole - trial.cost < FAR * best
 
     @property
     def explained(self) -> bool:
@@ -109,22 +127,16 @@ class RefitSchedule:
         return f", best so far {best.candidate.label} with chi-square {best.chi2_held_out:.4g}" if best is not None else ""
 
 
-def _hopeful(trials: Iterable[Refit]) -> list[Refit]:
-    """The refits that may still come near the best one."""
-    refits = list(trials)
-    least = min((t.cost for t in refits), default=0.0)
-    return [t for t in refits if t.cost <= HOPE * least or t.falls]
-
-
 def unexplained(trials: Iterable[Refit]) -> bool:
     """True if no refit comes near the noise. In this case the scores may be misleading, as they are local: if the missing
     effect has moved a free parameter far from its true value, the tangent can have the wrong sign."""
     return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > DECISION.near for t in trials)
 
 
-def planned(scores: Sequence[Score], as_one: Mapping[str, str]
+def planned(scores: Sequence[Score], as_one: Mapping[str, str], needed: float = 0.0
             ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
-    """Divide the candidates into those that are refitted first and the rest, and find equivalent candidates.
+    """Divide the candidates into those that are refitted first and the rest, and find equivalent candidates. If a gain is
+    `needed`, all but the first `FIRST` candidates are only refitted first if their class reaches it at their place.
 
     After a strong misfit a score identifies class and place rather than the law. All laws of one class at one place are
     therefore sorted by the largest gain of any of them. The third result maps the label of a candidate to the labels of
@@ -154,8 +166,8 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str]
     leading: list[Job] = []
     remaining: list[Job] = []
     for k, group in enumerate(distinct):
-        promising = families[_family(group[0])] >= PROMISING * largest and group[0].gain >= AT_LEAST * largest
-        (leading if k < REFITS or promising else remaining).append((group[0].candidate, group))
+        promising = families[_family(group[0])] >= max(PROMISING * largest, needed) and group[0].gain >= AT_LEAST * largest
+        (leading if k < (FIRST if needed else REFITS) or promising else remaining).append((group[0].candidate, group))
     return _in_turn(leading), _in_turn(remaining), twins
 
 

@@ -46,7 +46,7 @@ from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.onset import onsets
 from heavebond.diagnosis.search.prescore import select
 from heavebond.diagnosis.search.refit import ANOTHER, Refit, bic, refitted_from
-from heavebond.diagnosis.search.schedule import RefitSchedule, beyond_their_members, planned, unexplained
+from heavebond.diagnosis.search.schedule import NEEDED, RefitSchedule, beyond_their_members, planned, unexplained
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.diagnosis.search.workers import Workers
 from heavebond.equations.places import nodes_of
@@ -145,13 +145,14 @@ class Stage:
 
 def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), number: int | None = None,
                seconds: float = SECONDS, classes: Sequence[str] = (), progress: Progress | None = None,
-               thorough: bool = True) -> Stage:
+               thorough: bool = True, review: bool = False) -> Stage:
     """Score the candidates of the catalogue, and refit those that can matter.
 
     `beside` are the effects that earlier steps added to the diagram. Candidates that act on these effects instead of the
     machine are left out. `classes` restricts the catalogue to candidates of these classes. `seconds` limits the time of
     scores and refits, `number` is the number of processes. A `thorough` search also refits all other candidates if no refit
-    of the candidates with the largest scores comes near the noise.
+    of the candidates with the largest scores comes near the noise. In the `review` of an effect that was selected before, no
+    variations of parameters are tried.
     """
     def chosen(candidate: Candidate) -> bool:
         return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
@@ -161,7 +162,7 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
     near = [c for c in candidates(experiment, excluded, site) if chosen(c)]
     distant = [c for c in between_all_nodes(experiment, site) if chosen(c)]
     stage = _step(experiment, near, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
-                  varying=chosen, later=bool(beside))
+                  varying=None if review else chosen, later=bool(beside))
     return replace(stage, excluded={**excluded, **stage.excluded})
 
 
@@ -217,6 +218,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     predicate that selects variations of parameters; these are scored if no other candidate comes near the noise. `later` is
     true after the first step. In a later step, or if a law explains most of the misfit, variations are refitted only if
     their scores predict most of the residual, because only variations with a far smaller residual than the law are kept.
+    In a later step, candidates with a small score and inferior refits are left out (see `schedule.NEEDED` and
+    `schedule.FAR`), because their effect would not be worth adding.
     """
     began = clock.perf_counter()
     say("fitting the free parameters")
@@ -240,7 +243,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             return thorough and trial.errors is not None and \
                 share_taken(errors, trial.errors, *ALL) >= 1 - DECISION.further
 
-        refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {})
+        refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {},
+                               whole=base.cost if later else 0.0)
         try:
             until = began + seconds
             scored_all = _score(workers, proposed, scores, say, began + SCORING * seconds)
@@ -249,7 +253,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             tests = leftover(base, scores, prescored.scores)
             if tests.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
-                leading, remaining, twins = planned(scores, as_one)
+                needed = NEEDED * max(float(base.r @ base.r) - len(base.r), 0.0) if later else 0.0
+                leading, remaining, twins = planned(scores, as_one, needed)
                 leading = leading[:most]
                 partial = not refits.make(leading, remaining if thorough else [], until) or not scored_all
                 if varying is not None and not partial and unexplained(refits.trials.values()):

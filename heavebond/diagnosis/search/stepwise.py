@@ -216,12 +216,13 @@ Calibrating = Callable[[Experiment], Stage]
 
 
 def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
-                    remaining_time: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
-                    ) -> Iterator[tuple[Selection, Stage]]:
+                    remaining_time: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None,
+                    reviewing: Stepping | None = None) -> Iterator[tuple[Selection, Stage]]:
     """Yield the best selection so far of at most `most` effects, and the last step (with its chosen effect, or without one
     if no effect is justified). The last pair is the result.
 
-    `stepping` makes a step on an experiment, given the selection so far. `calibrating` makes a step with calibration errors
+    `stepping` makes a step on an experiment, given the selection so far, and `reviewing` (default: `stepping`) a step that
+    searches an effect of the selection again. `calibrating` makes a step with calibration errors
     only. `remaining_time` returns the remaining time (s). A further step starts only if the remaining time is at least the
     share `BEGUN` of the time of the previous step. A step that runs out of time counts only if it reaches the noise. Pairs
     that are yielded before the end have a partial step. They are the result if the search is stopped early.
@@ -284,7 +285,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         if not longer:
             break
         if not last.partial and remaining_time() > 0:
-            for selection, partial in looked_back(selections[0], stepping, say):
+            for selection, partial in looked_back(selections[0], reviewing or stepping, say):
                 last = replace(selection[-1].step, partial=partial)
                 yield selection, last
             selections[0] = selection
