@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 import heavebond as hb
+from benchmarks.diagnosis.measured import without_effects
+from heavebond.diagnosis.candidates.places import candidates
 
 DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 
@@ -38,3 +40,11 @@ def test_tanks_get_their_outlets_and_their_rim() -> None:
     assert errors[1] == pytest.approx(1.05, abs=0.03)
     assert {"orifice law", "tank overflow"} <= kinds
     assert errors[-1] <= 0.46
+
+
+def test_a_law_and_a_class_can_be_removed_from_the_catalogue() -> None:
+    experiment = hb.load_experiment("passive_rig/friction")
+    before = candidates(experiment)
+    kept = [c for c in before if c.kind != "dry friction" and c.component != "CubicSpring"]
+    after = candidates(without_effects(experiment, ["dry friction", "CubicSpring"]))
+    assert [c.label for c in after] == [c.label for c in kept] and len(after) < len(before) - 1

@@ -43,7 +43,7 @@ from heavebond.diagnosis.evidence.probability import (
     probabilities,
 )
 from heavebond.diagnosis.search.refit import Refit
-from heavebond.diagnosis.search.step import Stage
+from heavebond.diagnosis.search.step import Stage, is_noticeable
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.language.definition import Domain
 from heavebond.language.library import Library, effect_kind
@@ -438,15 +438,18 @@ def _path(root: Node) -> tuple[Node, ...]:
 
 def _best(step: Stage, finding: AddedEffect | None, path: Sequence[Node], root: Node) -> Refit | AddedEffect | None:
     """Select the law to describe: the added effect if it belongs to the deepest stated branch, otherwise the most probable
-    refitted law of this branch."""
+    refitted law of this branch. If the branch has no law of the catalogue, a law elsewhere must explain a noticeable part of
+    the misfit."""
     if path and path[-1].name in (NOTHING, PARAMETERS):
         return finding if finding is not None and finding.candidate.kind == VALUE else None
     inside = next((node.labels for node in reversed(path) if node.labels), None)
     if finding is not None and (inside is None or finding.candidate.label in inside):
         return finding
     trials = {t.candidate.label: t for t in step.trials}
-    laws = sorted(_leaves_of(path[-1] if path and path[-1].labels else root), key=lambda node: -node.probability)
-    labels = [label for node in laws for label in node.labels if label in trials]
+    within = bool(path) and bool(path[-1].labels)
+    laws = sorted(_leaves_of(path[-1] if within else root), key=lambda node: -node.probability)
+    labels = [label for node in laws for label in node.labels if label in trials
+              and (within or is_noticeable(step, trials[label]))]
     return trials[labels[0]] if labels else None
 
 
