@@ -272,3 +272,14 @@ def test_a_law_at_several_places_that_is_dropped_on_purpose_was_simulated() -> N
     assert beyond_their_members(scores) == single
 
 
+
+
+@pytest.mark.parametrize("noticeable", [True, False])
+def test_a_law_elsewhere_is_described_only_if_it_explains_a_noticeable_part(noticeable: bool, monkeypatch: pytest.MonkeyPatch
+                                                                            ) -> None:
+    """The stated branch has no law of the catalogue; the refit of the offset may explain nothing at all."""
+    outside, elsewhere = Node("system", "machine", 0.8), Node("system", OFFSET.kind, 0.2, labels=(OFFSET.label,))
+    step: Any = SimpleNamespace(trials=[SimpleNamespace(candidate=OFFSET)])
+    monkeypatch.setattr(tree, "is_noticeable", lambda step, trial: noticeable)
+    best = tree._best(step, None, (outside,), Node("", "", 1.0, (outside, elsewhere)))
+    assert (best is not None) is noticeable

@@ -53,7 +53,7 @@ class Workers:
     begun: list[str] = field(default_factory=list)
     followed: list[str] = field(default_factory=list)
 
-    def begin(self, jobs: Sequence[tuple[Candidate, object]], least: float, until: float
+    def begin(self, jobs: Sequence[tuple[Candidate, object]], least: float, until: float, most: float
               ) -> Iterator[tuple[Candidate, Trial | None]]:
         for candidate, _ in jobs:
             if clock.perf_counter() > until:

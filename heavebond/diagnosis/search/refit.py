@@ -195,13 +195,14 @@ def bic(cost: float, samples: int, unknowns: int) -> float:
     return float(samples * np.log(max(cost, 1e-300) / samples) + unknowns * np.log(samples))
 
 
-def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0,
+def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0, most: float = np.inf,
           progress: Progress | None = None) -> Refit | None:
     """Make the first steps of a refit, from the best of several starts. `least` is the smallest sum of squares of other
-    candidates, 0 if unknown. None if the diagram with the candidate cannot be simulated."""
+    candidates, 0 if unknown. A start is given up after a few steps if its sum of squares is above `most`. None if the diagram
+    with the candidate cannot be simulated."""
     try:
         refit = _RefitProblem(base, candidate, guesses)
-        descents = refit.begin(least or np.inf, progress or (lambda text: None))
+        descents = refit.begin(least or np.inf, most, progress or (lambda text: None))
         if not descents:
             return None
         trial = refit.judged(descents[0].x)
@@ -488,7 +489,7 @@ class _RefitProblem:
                     break
         return inner
 
-    def begin(self, least: float, progress: Progress) -> list[Descent]:
+    def begin(self, least: float, most: float, progress: Progress) -> list[Descent]:
         """Make the first steps from the best starts; the descents are sorted by their sum of squares. The list is empty
         if no start can be simulated."""
         starts = list({start.tobytes(): start for start in map(self._start, self.starts.plans)}.values())
@@ -501,7 +502,7 @@ class _RefitProblem:
             return []
         # if another candidate explains most of the misfit, one whose first steps explain nothing is given up
         nothing = self.nothing if least < DECISION.mainly * self.base.cost else np.inf
-        enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
+        enough = stop_inferior_starts(self.problem.high - self.problem.low, least, min(nothing, most))
         descents = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
         if all(2 * e.cost > self.base.cost for e in descents) and (beside := self.starts.beside) is not None:
             descents.append(self.descend(self._start(beside), progress, FIRST, 1e-4, enough=enough))

@@ -88,11 +88,16 @@ class RefitSchedule:
         least = min((t.cost for t in self.trials.values()), default=0.0)
         return [t for t in self.trials.values() if (t.cost <= HOPE * least or t.falls) and not self._is_inferior(t)]
 
+    @property
+    def _most(self) -> float:
+        """The sum of squares of a refit that explains the share `FAR` of what the best refit explains; infinite if the best
+        one explains too little for a further effect."""
+        best = self.whole - min((t.cost for t in self.trials.values()), default=np.inf)
+        return self.whole - FAR * best if best >= DECISION.further * self.whole > 0 else np.inf
+
     def _is_inferior(self, trial: Refit) -> bool:
-        """True if a refit explains less than the share `FAR` of what the best refit explains, its first steps did not fall
-        steeply, and the best one explains enough for a further effect."""
-        best = self.whole - min(t.cost for t in self.trials.values())
-        return best >= DECISION.further * self.whole > 0 and not trial.falls and self.whole - trial.cost < FAR * best
+        """True if a refit explains much less than the best one, and its first steps did not fall steeply."""
+        return not trial.falls and trial.cost > self._most
 
     @property
     def explained(self) -> bool:
@@ -103,7 +108,7 @@ class RefitSchedule:
         """Make the first steps of these refits; true if all of them were started in time."""
         count = 0
         least = min((trial.cost for trial in self.trials.values()), default=0.0)
-        for count, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
+        for count, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until, self._most), 1):
             if trial is not None:
                 self.trials[candidate.label] = trial
             elif candidate.label not in self.workers.lost:

@@ -189,11 +189,11 @@ class Workers:
         none: list[list[Score]] = [[] for _ in in_turn]
         yield from self._each(_scored, [(c, shared.get(c.label)) for c in in_turn], in_turn, until, none)
 
-    def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
-              ) -> Iterator[tuple[Candidate, Refit | None]]:
+    def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf"),
+              most: float = float("inf")) -> Iterator[tuple[Candidate, Refit | None]]:
         """Make the first steps of each refit, and yield them in the order of completion. Refits that are not started at
-        the time `until` are left out. `least`: see the function `begun`."""
-        return self._refits("begin", begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
+        the time `until` are left out. `least` and `most`: see the function `begun`."""
+        return self._refits("begin", begun, [(c, guesses, least, most) for c, guesses in jobs], [c for c, _ in jobs], until,
                             [None] * len(jobs))
 
     def follow(self, jobs: Sequence[tuple[Refit, Sequence[Score]]], until: float = float("inf")
