@@ -214,7 +214,8 @@ def main() -> None:
         try:
             result = base(name, folder) if given.base else diagnosis(
                 name, folder, given.seconds, given.samples, given.only, given.without)
-            result["key"] = " ".join(["/".join(Path(name).with_suffix("").parts[-2:]), *(f"without {n}" for n in given.without)])
+            result["key"] = " ".join(["/".join(Path(name).with_suffix("").parts[-2:]),
+                                      *(f"without {n}" for n in given.without)])
         except HeavebondError as error:
             print(f"{name}: {error}", flush=True)
             continue

@@ -198,8 +198,8 @@ def bic(cost: float, samples: int, unknowns: int) -> float:
 def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0, most: float = np.inf,
           progress: Progress | None = None) -> Refit | None:
     """Make the first steps of a refit, from the best of several starts. `least` is the smallest sum of squares of other
-    candidates, 0 if unknown. A start is given up after a few steps if its sum of squares is above `most`. None if the diagram
-    with the candidate cannot be simulated."""
+    candidates, 0 if unknown. A start is given up after a few steps if its sum of squares is above `most`. None if the
+    diagram with the candidate cannot be simulated."""
     try:
         refit = _RefitProblem(base, candidate, guesses)
         descents = refit.begin(least or np.inf, most, progress or (lambda text: None))
