@@ -33,7 +33,9 @@ COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O1", "-ffp-contract=off", "-fno-semantic-interposition")
 CLONE_FS = 0x200  # of Linux: what a thread no longer shares with the others, its current folder among it
 MACHINE_CODE, LISTED = "machine code", "list of operations"  # how equations are evaluated, in the statistics of a run
-AGAIN = 0.002  # s between two looks at a thread that compiles
+# Time between two looks at a thread that compiles (s), and as a share of the time waited so far: on a busy computer, a
+# compiler may take a minute
+AGAIN, LATER = 0.002, 0.05
 Made = Callable[[Mapping[str, Any]], ca.Function]  # an integrator with these options besides its own
 
 
@@ -138,10 +140,11 @@ def _in_thread(build: Callable[[str], ca.Function]) -> ca.Function:
             signal.signal(signal.SIGINT, handler)
     else:
         mask, interrupted = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}), False
+        began = clock.monotonic()
         try:
             thread.start()
             while thread.is_alive() and not interrupted:
-                received = signal.sigtimedwait({signal.SIGINT}, AGAIN)
+                received = signal.sigtimedwait({signal.SIGINT}, max(AGAIN, LATER * (clock.monotonic() - began)))
                 # Python 3.11 returns an arbitrary structure where another event ended the call just before its timeout
                 interrupted = received is not None and received.si_signo == signal.SIGINT
         finally:
