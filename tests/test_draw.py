@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner
+from collected import for_each
 from matplotlib.image import imread
 
 import heavebond as hb
@@ -326,7 +327,7 @@ def test_wrong_names(asked: dict[str, object], said: str) -> None:
 
 
 # -- symbols -----------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", library().names())
+@for_each("name", library().names())
 def test_the_symbol_of_a_component_has_all_its_ports(name: str) -> None:
     component = library().component(name)
     shape = pictograms.symbol(component)
@@ -334,7 +335,7 @@ def test_the_symbol_of_a_component_has_all_its_ports(name: str) -> None:
     assert shape is None or {a.port for a in shape.anchors} >= {*component.ports, *component.signals}
 
 
-@pytest.mark.parametrize("path", sorted((bundled("components") / "symbols").glob("*.svg")), ids=lambda path: path.stem)
+@for_each("path", sorted((bundled("components") / "symbols").glob("*.svg")), ids=lambda path: path.stem)
 def test_turning_a_symbol_keeps_its_anchors_on_its_edge(path: Path) -> None:
     shape = pictograms._read(path, 0)
     for turn in shape.turns:

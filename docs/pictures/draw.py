@@ -108,11 +108,14 @@ def detailed(folder: Path) -> Path:
 
 
 def _of_study(name: str, folder: Path, file: str = "", points: int | None = None) -> Path:
-    """The first picture of a study; over so many levels of its last axis and without its tuning if `points` is given."""
+    """The first picture of a study; with the first level of its inner axes, over so many levels of its last axis and without
+    its tuning if `points` is given."""
     study = load_study(f"cmc_ahc/studies/{name}")
     if points is not None:
-        study = replace(study, axes=(*study.axes[:-1], replace(study.axes[-1], levels=study.axes[-1].levels[:points])),
-                        task=None, procedures=())
+        *outer, last = study.axes
+        axes = (*outer[:1], *(replace(axis, levels=axis.levels[:1]) for axis in outer[1:]),
+                replace(last, levels=last.levels[:points]))
+        study = replace(study, axes=axes, task=None, procedures=())
     result = hb.study(study, processes=1)
     return plot.save(plot_study(result, study.pictures[0]), folder / f"{file or name}.png")
 
