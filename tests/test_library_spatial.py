@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from examples import LAW, RUN, SWING, Array, Case, by_cosines, check, swing, without_example
 from library_check import Found, agree, checks, part, run
 from scipy.spatial.transform import Rotation
 
 import heavebond as hb
+from heavebond.cli import main
 
 G = 9.81
 
@@ -668,3 +672,10 @@ initial: {start: steady}
     expected = np.outer(np.sqrt(np.array([2e6, 4e6])/(300*6**3)), roots)
     assert found == pytest.approx(expected, rel=1e-2)
     assert found[:, 0] == pytest.approx(expected[:, 0], rel=4e-4)
+
+
+def test_a_disc_that_lies_flat_at_the_start_is_reported(tmp_path: Path) -> None:
+    text = (Path(hb.__file__).parents[1] / "models/examples/rolling_disc.yaml").read_text(encoding="utf-8")
+    (tmp_path / "flat.yaml").write_text(text.replace("0.4 rad", "90 deg"), encoding="utf-8")
+    answer = CliRunner().invoke(main, ["check", str(tmp_path / "flat.yaml")])
+    assert answer.exit_code == 1 and "the disc lies flat on the plane" in answer.stderr

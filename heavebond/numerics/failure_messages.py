@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -65,7 +66,8 @@ def explain_failure(stop: Stop, first: Start, message: str, rtol: float) -> Simu
     hint = f"Check the parameters of these components{loosen}."
     if stop.last is not None:
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
-        hint = FOLDED if stop.folded else cause or hint
+        # a part outside its law can look like a mechanism at a dead centre
+        hint = (_out_of_range(stop.assembly, stop.last, ("physical",)) or FOLDED) if stop.folded else cause or hint
         hint += "" if stop.folded else _without_mass(stop.assembly, stop.last)
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
             have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
@@ -231,9 +233,10 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
     return ""
 
 
-def _out_of_range(assembly: Assembly, last: Point) -> str:
-    """The message on a variable outside the range of its laws: oil below vacuum, or at an unusual pressure."""
-    finding = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
+def _out_of_range(assembly: Assembly, last: Point, kinds: Sequence[str] = ("physical", "range", "larger")) -> str:
+    """The message on a variable outside the range of its laws: oil below vacuum, or at an unusual pressure. `kinds` are
+    those of the findings of a verdict that are reported."""
+    finding = next((f for f in at_point(assembly, last).findings if f.kind in kinds), None)
     if finding is None or finding.limit is None:
         return ""
     value, limit = (readable(number, finding.unit) for number in (finding.value, finding.limit))

@@ -102,7 +102,7 @@ def _check(name: str, assembly: Assembly, changes_states: bool) -> None:
         raise UsageError([Problem(
             "solver-cut", f"{name} cannot run this diagram: it {feature}", place, RETYPE.format(alternative) + ".",
             ("Its steps are those of its grid." if fixed else
-             "It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
+             "It integrates without interruption; such a run is interrupted at times that are not known beforehand.",))])
     if name == "rosenbrock" and machine_code.compiler() is None:
         raise UsageError([Problem(
             "compiler-missing", "rosenbrock needs a C compiler, and there is none on this computer", place,
