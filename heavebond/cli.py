@@ -221,7 +221,9 @@ def _usage_problem(error: click.UsageError) -> Problem:
     message = error.format_message().rstrip(".")
     hint = ""
     if error.ctx is not None:
-        hint = f"{error.ctx.get_usage()}\n`{error.ctx.command_path} --help` tells more."
+        hint = f"{error.ctx.get_usage()}\n`{error.ctx.command_path} --help` describes all options."
+        if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Option) and error.param.help:
+            hint = f"{error.param.opts[-1]} {error.param.make_metavar(error.ctx)}: {error.param.help}\n{hint}"
         if "unexpected extra argument" in message:
             hint = "An option that takes several values is repeated: --plot WOB --plot crown.\n" + hint
     return Problem("usage", message[:1].lower() + message[1:], None, hint)

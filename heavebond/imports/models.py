@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from heavebond.core.errors import ModelError, Place, Problem, UsageError
+from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.import_20sim.importer import Untranslated, import_20sim
 from heavebond.imports.urdf import import_urdf
@@ -55,7 +55,9 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
         raise UsageError([Problem("import-suffix", f"'{file}' is not a model that can be imported", None,
                                   CONVERT.get(suffix, WANTED).format(file.name, file.name.partition(".")[0]))])
     if not file.is_file():
-        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
+        near = sorted(p.name for p in file.parent.glob(f"*{file.suffix}")) if file.parent.is_dir() else []
+        raise UsageError([Problem("file", f"cannot find the file '{file}'", None, suggest(file.name, near) or
+                                  f"Files of this kind there: {listing(near)}." if near else "Check the path.")])
     if suffix == ".urdf" and (functions or global_files or libraries):
         raise UsageError([Problem("import-option", "C sources, global parameters and libraries are for 20-sim models only",
                                   None, "Leave out --function, --globals and --library for a .urdf file.")])

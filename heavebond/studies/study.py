@@ -217,8 +217,11 @@ def study_from_source(source: Source, model: Model | None = None) -> Study:
     problems = Problems()
     root = source.root
     if "study" not in root.items:
-        raise ModelError([Problem("not-a-study", f"{source.name} is not a study: it has no `study:`", root.place,
-                                  suggest("study", root.items) or "A study begins with `study: name`.")])
+        hint = suggest("study", root.items) or "A study begins with `study: name`."
+        if "model" in root.items and "experiment" not in root.items:
+            hint = f"This file describes a diagram. {hint} Without a study, `heavebond tune {source.name} --free PARAMETER" \
+                " --cost FORMULA` tunes it, and `heavebond sweep` varies its parameters."
+        raise ModelError([Problem("not-a-study", f"{source.name} is not a study: it has no `study:`", root.place, hint)])
     # report keys outside `tune:` that belong there
     strayed = [key for key in TUNE_KEYS if key in root.items]
     for key in strayed:
