@@ -139,10 +139,16 @@ def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | 
     alike, sized = _likeness(measured, model)[1], _likeness(measured, np.abs(model))[1]
     if unsigned and abs(sized + alike) <= UNIT_CHECKS.sign_gain:
         return f"is never below 0 although the model is, and moves against it (correlation {number(alike, 3)}): if the " \
-            f"sensor counts the other way, write `is: -({formula})`; if it measures magnitudes, `is: abs({formula})`"
+            f"sensor counts the other way, write `is: {_negated(formula)}`; if it measures magnitudes, `is: abs({formula})`"
     if turned and unsigned:
         return unsigned if sized > -alike else turned
     return turned or unsigned
+
+
+def _negated(formula: str) -> str:
+    """The negative of a formula, `-(a + b)`; that of `-a` is `a`."""
+    name = formula.removeprefix("-").strip()
+    return name if formula.startswith("-") and name.replace(".", "_").isidentifier() else f"-({formula})"
 
 
 def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
@@ -151,7 +157,7 @@ def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
     if alike > UNIT_CHECKS.opposite and not np.std(measured + model) < UNIT_CHECKS.opposite_left * np.std(measured - model):
         return None
     return f"moves against the model (correlation {number(alike, 3)}): if the sensor has the opposite sign, write " \
-        f"`is: -({formula})`"
+        f"`is: {_negated(formula)}`"
 
 
 def seems_without_sign(measured: Array, model: Array, formula: str) -> str | None:

@@ -285,21 +285,21 @@ def equivalent_value_words(trial: Refit) -> str:
 
 
 def better_values(values: Stage | None, first: Stage, known: Sequence[str]) -> list[str]:
-    """Sentence on other values of fixed parameters that explain most of the misfit without any effect, and more of it than
-    the first effect alone. `values` is the step of all fixed values, `first` the first step; parameters in `known` are
-    left out."""
+    """Sentence on other values of fixed parameters that explain most of the misfit without any effect, and predict as well
+    as the first effect alone, or better. `values` is the step of all fixed values, `first` the first step; parameters in
+    `known` are left out."""
     effect = first.chosen
     if values is None or values.partial or first.errors is None or (effect is not None and effect.candidate.kind == VALUE):
         return []
     largest = loss(effect) if effect is not None else math.inf
     trials = sorted((t for t in values.trials if t.candidate.kind == VALUE and t.errors is not None
-                     and t.candidate.name not in known and loss(t) < largest
+                     and t.candidate.name not in known and loss(t) <= (1 + DECISION.material) * largest
                      and share_taken(first.errors, t.errors, *ALL) >= DECISION.mainly), key=loss)
     near = [t for t in trials if loss(t) <= (1 + DECISION.material) * loss(trials[0])]
     if not near:
         return []
     names = {s.candidate.label: s.candidate.name for s in values.scores}
-    texts = [_revalued(t) + (f", which acts as {listing(twins)}" if (twins := [
+    texts = [_revalued(t) + (f", which acts as {listing(twins)}," if (twins := [
         names[label] for label in values.twins.get(t.candidate.label, ()) if label in names]) else "")
         for t in near[:MENTIONED]]
     one = len(near) == 1 and " which acts as " not in texts[0]
