@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import multiprocessing
 import re
 import threading
 import time
@@ -18,6 +17,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.native_permission import native_allowed
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
+from heavebond.studio.workers import process_context
 
 KINDS = ("fit", "where", "diagnose", "try", "tune", "study", "command")  # of computations
 RUNNING = 4  # simultaneous computations: each one uses all processors
@@ -47,7 +47,7 @@ class LongJob:
         self.problems: list[Problem] = []
         self._writing: asyncio.Future[list[str]] | None = None
         self._loop = asyncio.get_running_loop()
-        context = multiprocessing.get_context("spawn")
+        context = process_context()
         self._pipe, theirs = context.Pipe()
         options = {**settings, "allow_native": native_allowed()}  # the permission of the server, not of the page
         self._process = context.Process(target=serve, args=(theirs, kind, str(path), options))
