@@ -80,13 +80,14 @@ Table = Mapping[str, float]
 
 
 def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
-            left: float = np.inf, pairs: dict[str, float] | None = None, cut: int = 0, ends: list[Stage] | None = None
-            ) -> tuple[str, list[str]]:
+            left: float = np.inf, pairs: dict[str, float] | None = None, cut: int = 0, ends: list[Stage] | None = None,
+            parallel: bool = False) -> tuple[str, list[str]]:
     """The effects that are found, and the diagrams on which a step was made.
 
     `pairs` takes what each leading law leaves in its best pair. The step with the number `cut` is ended by the time limit.
     `ends` takes the last step. A diagram that is not in the table leaves what the best diagram with one effect less leaves.
-    `B+A` is what A leaves when it is added to B, in a local minimum of its own.
+    `B+A` is what A leaves when it is added to B, in a local minimum of its own. The effects are at one place if they are
+    `parallel`, otherwise each is at its own.
     """
     made: list[str] = []
 
@@ -96,7 +97,8 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
 
     def trial(effects: str, new: str) -> Refit:
         chi2 = table.get(f"{effects}+{new}", chi2_of(effects + new))
-        candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
+        where = ("place",) if parallel else (new,)
+        candidate = SimpleNamespace(label=new, component=new, kind=new, where=where, change=SimpleNamespace(moved={}),
                                     attaches="across", place="", signal="", numbers=(), vanishing=(),
                                     acts_on=lambda effects: False)
         return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,
@@ -285,6 +287,16 @@ def test_what_remains_without_an_effect_that_is_not_named_is_looked_back_on(monk
     monkeypatch.setattr(stepwise, "_asked_again", noted)
     assert climbed(monkeypatch, {"": 1000, "C": 10, "AC": 2, "A": 300, "AB": 1, "B": 400})[0] == "BA"
     assert asked == [("CA", "C"), ("BA", "A")]
+
+
+def test_two_laws_that_one_between_them_imitates_are_tried_in_a_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    """C leaves less than A or B alone, also with the best further effect; A and B together leave less, at one place."""
+    hidden = {"": 1000, "C": 10, "AC": 9, "BC": 9, "A": 30, "B": 40, "AB": 3}
+    for given in (True, False):  # the noise
+        assert climbed(monkeypatch, hidden, given=given, parallel=True)[0] == "AB"
+    assert climbed(monkeypatch, hidden, given=False)[0] == "C"  # at other places they are not tried
+    level = {**hidden, "AB": 9}
+    assert climbed(monkeypatch, level, given=False, parallel=True)[0] == "C"
 
 
 def test_a_name_by_an_effect_that_is_taken_out_goes_back_to_what_drove_it() -> None:
