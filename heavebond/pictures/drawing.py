@@ -326,7 +326,9 @@ def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
             lines += [f'<rect x="{left:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" '
                       f'fill="{WARNING}"/>',
                       f'<text class="tag" x="{left + line.width / 2:g}" y="{y + style.size:g}" font-size="{style.size}" '
-                      f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
+                      # in a viewer with a wider font, the text is compressed to the width of its background
+                      f'font-weight="bold" fill="#ffffff" text-anchor="middle" textLength="{line.width - 8:g}" '
+                      f'lengthAdjust="spacingAndGlyphs">{xml(line.text)}</text>']
         else:
             fill = QUIET if style.quiet else colour
             name = f' class="{css_class}"' if k == 0 else ""
