@@ -281,6 +281,9 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             partial, tests, twins = True, leftover(base, scores, prescored.scores), {}
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
+    if not always or len(proposed) > 1:
+        excluded |= {label: "the channel passes most values only once, so that the curve is one over time, and it does not "
+                     "hold for other records" for label, t in refits.trials.items() if _of_one_time(t, base)}
     excluded |= dict.fromkeys(refits.postponed, "another effect explains most of the misfit of this step")
     trials = [t for label, t in refits.trials.items() if label not in excluded]
     why = "it leaves more than noise, and effects were added before" if later else \
@@ -454,8 +457,6 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
         return "the motion there goes in one direction only"
     if candidate.curve_of_displacement and not retraced(_displacements(candidate, base)):
         return "the motion there passes most positions only once, so that a curve over the position is one over time"
-    if candidate.curve_of_channel and not retraced(_signals(candidate, base)):
-        return "the channel passes most values only once, so that a curve over its value is one over time"
     return ""
 
 
@@ -484,6 +485,13 @@ def _reverses(candidate: Candidate, base: Base) -> bool:
     vibration: the path is longer than the distance from start to end."""
     paths = _displacements(candidate, base)
     return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths)
+
+
+def _of_one_time(trial: Refit, base: Base) -> bool:
+    """True for an identified curve over the value of a channel that is a curve over time: the channel passes most values
+    only once in the fitted records, and the curve leaves far more on held-out data."""
+    return trial.candidate.curve_of_channel and trial.chi2_held_out > DECISION.times * max(1.0, trial.chi2_fit) \
+        and not retraced(_signals(trial.candidate, base))
 
 
 def _signals(candidate: Candidate, base: Base) -> list[Array]:
