@@ -493,6 +493,13 @@ def test_new_cuts_a_record_at_a_gap_of_an_input(folder: Path) -> None:
     assert call("check", "measured.yaml").exit_code == 0
 
 
+def test_new_names_the_rows_of_times_that_decrease(folder: Path) -> None:
+    Path("heated.yaml").write_text(HEATED, encoding="utf-8")
+    Path("log.csv").write_text("t_s,heater_kW,oil_degC\n2,1,21\n1,2,20.5\n0,1,20\n", encoding="utf-8")
+    said = call("new", "measured.yaml", "--from", "heated.yaml", "log.csv").stderr
+    assert "the time 1 in 't_s' (lines 3, 4) is less than the one before it [record-time-decreasing]" in said, said
+
+
 # -- tables --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("width", [74, 100, 120])
 def test_lines_of_a_table_are_broken_between_words(width: int, monkeypatch: pytest.MonkeyPatch,

@@ -147,7 +147,7 @@ def test_only_rivals_that_explain_as_much_as_the_answer_are_not_excluded() -> No
     step: Any = SimpleNamespace(chi2_fit=101.0, trials=trials)
     (line,) = sentences._not_excluded([finding], [step])
     assert line == "The search for compliance at compliance (Law), which is not excluded, stopped at the end of a range " \
-                   "(law.k at 5 um), beyond which it would leave less: widen `search_range`."
+                   "(law.k at 5 um), beyond which its residual would be smaller: widen `search_range`."
 
 
 def test_what_the_first_effect_may_be_is_judged_beside_a_sensor_s_offset(tmp_path: Path) -> None:

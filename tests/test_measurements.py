@@ -247,7 +247,7 @@ def test_repeated_and_decreasing_times(tmp_path: Path) -> None:
     with pytest.raises(DataError) as caught:
         check_time(table, "t")
     assert where(caught.value) == [("record-time-repeated", 4, 1), ("record-time-decreasing", 7, 1)]
-    assert "the time 1 in 't' (line 4) stands twice" in str(caught.value)
+    assert "the time 1 in 't' (line 4) occurs twice" in str(caught.value)
     assert "the time 0 in 't' (line 7) is less than the one before it" in str(caught.value)
     assert "make it a separate record" in str(caught.value) and "one row per instant" in str(caught.value)
 

@@ -339,7 +339,7 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path], every: str = 
     tables = {file: read_table(file) for file in files}
     proposal = propose(tables[files[0]], assembly, open_inputs, every)
     if not every:
-        _check_rounded_times(tables[files[0]], proposal)
+        _check_named_times(tables[files[0]], proposal)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in proposal.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
     parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen, steps)) is not None}
@@ -354,13 +354,14 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path], every: str = 
     return text, proposal
 
 
-def _check_rounded_times(table: Table, proposal: Proposal) -> None:
-    """Raise DataError with the rows if a column is called a time and never decreases, but repeats values, so that it is not
-    the proposed one."""
-    if any(c.role == "time" and _words(c.name) & TIMES for c in proposal.columns):
+def _check_named_times(table: Table, proposal: Proposal) -> None:
+    """Raise DataError with the rows if a column is called a time, but is not the proposed one because it repeats values. If
+    no column is proposed as the time, also if it decreases."""
+    times = [c.name for c in proposal.columns if c.role == "time"]
+    if any(_words(name) & TIMES for name in times):
         return
     for name, values in table.columns.items():
-        if _words(name) & TIMES and np.all(np.diff(values) >= 0) and values[-1] > values[0]:
+        if _words(name) & TIMES and (not times or (np.all(np.diff(values) >= 0) and values[-1] > values[0])):
             check_time(table, name)
 
 

@@ -213,7 +213,7 @@ def check_time(table: Table, name: str) -> None:
     steps = np.diff(time[finite])
     where = finite[1:]
     for wrong, code, saying, hint in (
-            (steps == 0, "record-time-repeated", "stands twice",
+            (steps == 0, "record-time-repeated", "occurs twice",
              "A record has one row per instant: delete one of them, or write the times with more digits."),
             (steps < 0, "record-time-decreasing", "is less than the one before it",
              "Sort the rows by their time. If a second run begins here, make it a separate record, or delete the rows above "

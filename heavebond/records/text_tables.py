@@ -115,7 +115,8 @@ def _columns(path: Path, text: str) -> TextColumns:
                         for line, row in rows], ""
     columns = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
     if not sheet.rows:
-        problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
+        problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0),
+                     hint="Below the names, a record has one row for each instant.")
     problems.raise_as(DataError)
     names = tuple(sheet.header[1])
     if names[-1] == ROWS_LEFT:

@@ -133,8 +133,8 @@ COLUMNS: tuple[Column, ...] = (
            "root of `chi2_held_out`", _fitted(lambda t, s: math.sqrt(t.chi2_held_out))),
     Column("bic_difference", "BIC change", "1", 4, "BIC with the candidate less BIC of the model of that step without it; "
            "below -10 is strong evidence for it", _fitted(lambda t, s: t.bic - s.bic), BOTH),
-    Column("at_end", "at its bound", "", 0, "free parameters that ended at an end of their range beside it, and its own "
-           "numbers at an end of the range in which they were sought, beyond which it would leave less",
+    Column("at_end", "at its bound", "", 0, "free parameters that ended at an end of their range with it, and its own "
+           "numbers at an end of the range in which they were sought, beyond which its residual would be smaller",
            _fitted(lambda t, s: (*t.at_end, *t.beyond)), REPORT),
     Column("same_as", "acts the same", "", 0, "candidates that act the same and were not fitted for that reason",
            lambda e: e.same_as),

@@ -121,7 +121,7 @@ def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> li
                         if n.name in trial.beyond)
         lines.append(f"The search for {called(candidate)}, "
                      f"{'one of these' if is_alternative else 'which is not excluded'}, stopped at the end of a range "
-                     f"({where}), beyond which it would leave less: widen `search_range`.")
+                     f"({where}), beyond which its residual would be smaller: widen `search_range`.")
     return lines[:MENTIONED]
 
 
