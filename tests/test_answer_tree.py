@@ -23,7 +23,7 @@ from heavebond.diagnosis.evidence.probability import CALIBRATION, TEMPERATURES, 
 from heavebond.diagnosis.search.schedule import beyond_their_members
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import Fitted
-from heavebond.language.library import bundled
+from heavebond.language.library import bundled, library
 
 EXPERIMENT = load_experiment(bundled("models") / "passive_rig" / "friction.yaml")
 LIBRARY = EXPERIMENT.model.library
@@ -283,3 +283,10 @@ def test_a_law_elsewhere_is_described_only_if_it_explains_a_noticeable_part(noti
     monkeypatch.setattr(tree, "is_noticeable", lambda step, trial: noticeable)
     best = tree._best(step, None, (outside,), Node("", "", 1.0, (outside, elsewhere)))
     assert (best is not None) is noticeable
+
+
+def test_the_kind_of_a_law_on_a_body_names_none_of_its_several_forces() -> None:
+    domains = library().domains
+    assert tree.kind_words("rate", domains["planar"], True) == "dissipates energy"
+    assert tree.kind_words("rate", domains["rotational"], True) == \
+        "dissipates energy, with a torque that depends on the angular speed"

@@ -288,6 +288,8 @@ def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tu
 
 def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
     """Predicate for a kind of law in a domain: `dissipates energy, with a force that depends on the speed`."""
+    if domain is not None and domain.positions and len(domain.through) > 1:
+        domain = None  # a body with several forces and speeds: none of them is that of the law
     acts = domain.members[domain.through[0]].noun if domain is not None else ""
     across = domain.members[domain.across[0]].noun if domain is not None else ""
     if domain is not None and not domain.position and pair:
