@@ -318,8 +318,10 @@ def opposite_signs(first: Stage, experiment: Experiment) -> list[str]:
     shares = {s.candidate.label: (s.z**2 / first.cost, s.candidate) for s in sorted(first.scores, key=lambda s: abs(s.z))
               if s.z < 0 and not s.signed and first.cost > 0
               and library.component(s.candidate.component).dissipates is not None and s.candidate.attaches == "across"}
-    share, candidate = max(shares.values(), key=lambda pair: pair[0], default=(0.0, None))
-    if candidate is None or not recorded or share < DECISION.mainly:
+    if not shares or not recorded:
+        return []
+    share, candidate = max(shares.values(), key=lambda pair: pair[0])
+    if share < DECISION.mainly:
         return []
     name, inputs = f"{candidate.kind[0].upper()}{candidate.kind[1:]}", list(dict.fromkeys(recorded))
     return [f"{name} {candidate.place} of the opposite sign, which would give energy to the machine, would explain about "

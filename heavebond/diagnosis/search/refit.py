@@ -407,14 +407,15 @@ class _RefitProblem:
             span = self.problem.high - self.problem.low
             return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
 
-        best, least = None, np.inf
+        best: Array | None = None
+        least = np.inf
         for numbers in choices:
-            factor = None
+            factor = 0.0  # that of the best start, if it has these numbers
             for another in SCAN if neutral else (1.0,):
                 start = point(numbers, another)
                 if (cost := self._cost(start, least)) < least:  # a run ends if its sum of squares exceeds the best
                     best, least, factor = start, cost, another
-            for closer in CLOSER if factor is not None and neutral else ():
+            for closer in CLOSER if factor and neutral else ():
                 for another in (factor * closer, factor / closer):
                     start = point(numbers, another)
                     if (cost := self._cost(start, least)) < least:
