@@ -25,6 +25,7 @@ def _open(tab: browser.Tab, server: Server, name: str = "car.yaml", text: str = 
     tab.go(f"{server.address}#{name}")
     tab.wait(f"window.studio?.document?.name === {json.dumps(name)} && studio.view?.parts && "
              "!document.querySelector('#model').hidden")
+    tab.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")  # it has its place
 
 
 def _typed(tab: browser.Tab, old: str, new: str) -> None:
