@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from collected import for_each
@@ -24,7 +25,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.equations.connect import connect
 from heavebond.equations.expand import expand
 from heavebond.language.library import bundled, library
-from heavebond.pictures import pictograms
+from heavebond.pictures import pictograms, placement
 from heavebond.pictures.drawing import WARNING
 from heavebond.pictures.layout import Drawn, Options, lay_out
 from heavebond.pictures.routing import route
@@ -186,6 +187,25 @@ def test_given_places_hold() -> None:
     items = {item.part.name: item for item in laid_out(hb.load("cylinder_rig")).items}
     assert items["pump"].x < items["valve"].x < items["cylinder"].x < items["load"].x < items["wall"].x
     assert items["pump"].y == items["valve"].y == items["load"].y < items["tank"].y == items["load_damper"].y
+
+
+def test_costs_of_all_cells_at_once_are_those_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    best, compared = placement._Search._best, []
+
+    def checked(self: placement._Search, name: str) -> tuple[placement.Cell, placement.Matrix]:
+        cells = [cell for cell in self._choices(name) if cell not in self.taken]
+        turns = [turn for _, turn in self.pieces[name].different]
+        for k in self.of[name]:
+            costs = self._net_costs(k, name, cells, turns)
+            for i, j in np.ndindex(costs.shape):
+                self._put(name, cells[i], turns[j])
+                compared.append((costs[i, j], self._net_cost(k)))
+                self._lift(name)
+        return best(self, name)
+
+    monkeypatch.setattr(placement._Search, "_best", checked)
+    hb.draw(hb.loads(RIG))
+    assert len(compared) > 1000 and all(one == other for one, other in compared)
 
 
 def test_without_places_a_chain_becomes_a_line() -> None:
