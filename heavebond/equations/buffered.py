@@ -56,7 +56,7 @@ class Buffered:
             return {output.name: output.matrix() for output in self._outputs}
 
     def size1_in(self, name: str) -> int:
-        """The number of numbers in an input."""
+        """The number of elements of an input."""
         return len(self._given[name])
 
     def stats(self) -> dict[str, Any]:

@@ -28,8 +28,8 @@ def maximum_matching(rows: Sequence[Sequence[int]], n_columns: int,
     paths are added in phases, each linear in the entries, after Hopcroft and Karp. The equations of a machine need a few
     phases, unstructured random ones some tens.
 
-    `start` (length m, column or -1) is a matching to extend: its rows and columns stay matched, perhaps
-    otherwise. Returns the column of each row or -1, length m. Raises ValueError if `start` is not a matching
+    `start` (length m, column or -1) is a matching to extend: its rows and columns stay matched, but the
+    pairs may change. Returns the column of each row or -1, length m. Raises ValueError if `start` is not a matching
     of `rows`.
 
     J. E. Hopcroft, R. M. Karp: An n^(5/2) algorithm for maximum matchings in bipartite graphs. SIAM J.

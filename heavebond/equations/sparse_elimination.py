@@ -6,9 +6,9 @@ their number. The order is chosen here for any sparse loop: the row with the few
 that occurs in the fewest rows (Markowitz). For a tree of bodies this is the articulated-body algorithm.
 
 A divisor must differ from zero in every state of the machine. This is checked at random states, and at states in which
-coordinates are zero and angles multiples of 90 degrees, where axes of a machine are parallel or perpendicular: it must have
-one sign and a share `LEAST` of its row in all of them. The inertia of a body on a joint passes; the cosine of an angle, or
-the sine of its square, does not.
+coordinates are zero and angles multiples of 90 degrees, where axes of a machine are parallel or perpendicular: in all of
+them it must have the same sign, and at least the share `LEAST` of its row. The inertia of a body on a joint passes; the
+cosine of an angle, or the square of its sine, does not.
 
 H. M. Markowitz: The elimination form of the inverse and its application to linear programming. Management Science 3 (1957)
 255-269, doi:10.1287/mnsc.3.3.255. R. Featherstone: Rigid Body Dynamics Algorithms. Springer 2008,

@@ -46,9 +46,10 @@ class TimeSwitch:
 
 def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False
             ) -> tuple[ca.SX, list[TimeSwitch], bool]:
-    """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
-    symbols), the instants at which these change, and whether it still has a kink in a variable. With `corners` the choice of
-    `max`, `min` and `abs` by the time is such a comparison, too."""
+    """Remove comparisons of the time with `constants` (hashes of symbols) from a scalar residual that depends on the time.
+
+    Returns the residual without them, the instants at which they change, and True if it still has a kink in a variable. With
+    `corners`, the choice of `max`, `min` and `abs` by the time is such a comparison, too."""
     walk, whole = _Walk(time, constants, corners), opened([residual])
     parts = []
     for part in (*whole.columns, *split(whole.args)):

@@ -50,7 +50,8 @@ def c_name(text: str) -> str:
 
 @dataclass(frozen=True)
 class FixedStepProgram:
-    """A program with a fixed step (s): its method, one of `METHODS`, and the nodes in the ring of its delays."""
+    """A program with a fixed step (s): its method, one of `METHODS`, and the number of nodes in the ring buffer of
+    delays."""
 
     method: str
     step: float

@@ -212,7 +212,7 @@ def _number(term: Term) -> Term:
 
 
 def positive(term: Term) -> str:
-    """The condition `term > 0` with the smaller and the larger of two numbers as `and` and `or`."""
+    """The condition `term > 0`: that the smaller of two numbers is positive becomes `and`, the larger `or`."""
     choice = re.fullmatch(r"if (?:noEvent\((.*)\)|(.*)) then 1 else -1", term.text)
     if choice and term.level == CONDITIONAL:
         return str(choice[1] or choice[2])

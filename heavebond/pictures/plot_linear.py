@@ -178,7 +178,8 @@ def plot_root_locus(locus: RootLocus, *, title: str = "") -> Figure:
 
 
 def plot_steps(channels: Sequence[StateSpace], times: Sequence[Array], *, title: str = "") -> Figure:
-    """What a step of 1 in its unit makes of each channel, one axes each, with the value that it settles at."""
+    """Draw the response of each channel to a step of 1 in the unit of its input, each in separate axes, and its final
+    value."""
     channels = [channel.displayed() for channel in channels]
     n = len(channels)
     figure = Figure(figsize=(WIDTH, max(4.5, 0.9 + 2.2 * n)), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT))

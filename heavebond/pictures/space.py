@@ -301,7 +301,7 @@ def _bounds(solids: list[Solid]) -> tuple[Array, Array]:
 
 # -- rotations: unit quaternions (4, n), vectors (3, n) --------------------------------------------------------------------
 def product(p: Array, q: Array) -> Array:
-    """The rotation q, then p."""
+    """The quaternion product: the rotation q, followed by p."""
     a, b, c, d = p
     e, f, g, h = q
     return np.array([a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f,

@@ -35,7 +35,7 @@ class Block:
 
     @property
     def whole(self) -> Expanded:
-        """The inside with the block itself, whose ports are drawn on its frame."""
+        """The inside of the block together with the block, so that its ports are drawn on the frame."""
         if self.leaf is None:
             return self.expanded
         return replace(self.expanded, leaves={"": replace(self.leaf, path=""), **self.expanded.leaves})

@@ -138,8 +138,8 @@ class Folder:
     @contextmanager
     def writing(self, path: Path) -> Iterator[None]:
         """Restrict writing to the folder, and lock the folder of `path` against other tabs and other studios: the folder
-        itself, or a file in it if the system has no locks (Windows, some network file systems). UsageError if another one
-        keeps the lock."""
+        itself, or a file in it if the system has no locks (Windows, some network file systems). UsageError if another tab
+        or studio has the lock."""
         with _saving, confined(self.root):
             lock, marked = -1, False
             try:
