@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -16,6 +17,7 @@ from heavebond.energy_audit.audit import energy as audit
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
 from heavebond.exchange.portable import portable
+from heavebond.numerics import event_integration, simulator
 from heavebond.numerics.dae import Assembly
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.pointwise import AT_ONCE
@@ -687,3 +689,22 @@ def test_kinks_of_a_state_do_not_warn():
                   "=-abs(body.x - b)*1 N/m"):
         run = hb.simulate(hb.loads(TURNING.format(force=force, more="")), sensitivities=["b"])
         assert run.verdict.findings == ()
+
+
+def test_a_run_with_few_output_points_takes_its_steps_in_several_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oscillations of 10 Hz after a step, without an output point before the end: more steps than one call may take."""
+    for module in (simulator, event_integration):
+        monkeypatch.setattr(module, "EVENTS", replace(module.EVENTS, steps_between=400, steps_ahead=400))
+    run = hb.simulate(hb.loads("""
+model: few
+components:
+  wall: {is: Fixed}
+  spring: {is: Spring, c: 4 kN/m}
+  mass: {is: Mass, m: 1 kg}
+  push: {is: ForceSource, u: =step.y}
+  step: {is: Step, t_s: 0.1 s, after: 4 kN}
+nodes: {wall: [wall.a, spring.a], load: [spring.b, mass.a, push.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 3 s, every: 3 s, solver: cvodes}
+"""))
+    assert run["load.x"][-1] == pytest.approx(1 - np.cos(np.sqrt(4000.0) * 2.9), abs=1e-4)

@@ -10,7 +10,7 @@ import pytest
 import heavebond as hb
 from heavebond.numerics.dae import Assembly
 from heavebond.optimise.costs import read_cost
-from heavebond.optimise.objective import Case, Objective, TuningProblem, ranges
+from heavebond.optimise.objective import Case, Objective, TuningProblem, ranges, tuning_task
 from heavebond.optimise.search import search
 from heavebond.optimise.tuning import Tuned, sweep, tune
 from heavebond.studies.study import load_study
@@ -252,3 +252,33 @@ simulate: {{until: 3 s, every: 10 ms}}
     tuned = hb.tune(model, task, explore=0, most_steps=1)
     assert len(tuned.notes) == notes
     assert all("push jumps at a condition (`if_else`)" in note and "Derivatives of the cost" in note for note in tuned.notes)
+
+
+KICKED = """
+model: kicked
+components:
+  wall: {is: Fixed}
+  spring: {is: Spring, c: 40 kN/m}
+  damper: {is: Damper, d: 2 N*s/m}
+  mass: {is: Mass, m: 1 kg}
+  push: {is: ForceSource, u: =kick.y}
+  kick: {is: Pulse, t_s: 0.1 s, width: 10 ms, height: 1 kN}
+nodes: {wall: [wall.a, spring.a, damper.a], load: [spring.b, damper.b, mass.a, push.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 2 s, every: 0.5 s}
+"""
+
+
+def test_a_limit_that_a_short_transient_exceeds_is_reported() -> None:
+    """The force begins and ends: x is the difference of two steps of an oscillator. `peak` of this short motion in 2 s is
+    below the limit, its largest value is not."""
+    d, limit = 52.0, "peak(load.x) < 30 mm"
+    problem = Objective(hb.assemble(hb.loads(KICKED)), tuning_task({"damper.d": "1 .. 300 N*s/m"}, "damper.d/(1 N*s/m)",
+                                                                   limits=[limit], stable=False))
+    w, t = np.sqrt(4e4 - d**2 / 4), np.linspace(0, 0.1, 100_001)
+    step = np.where(t < 0, 0, 1000 / 4e4 * (1 - np.exp(-d / 2 * t) * (np.cos(w * t) + d / 2 / w * np.sin(w * t))))
+    largest = np.abs(step - np.append(np.zeros(10_000), step[:-10_000])).max()
+    assert largest > 1.05 * 0.03 and problem.at({"damper.d": d}).feasible
+    note, = problem.peak_notes({"damper.d": d})
+    assert note.startswith(f"limit {limit}: the largest value of the run exceeds it by {100 * (largest / 0.03 - 1):.3g} %.")
+    assert problem.peak_notes({"damper.d": 200.0}) == []

@@ -509,6 +509,11 @@ class EventIntegration:
             message = str(final)
             if not self.changes or _says(final, INTERRUPTED) or state.t <= self.failed_at \
                     or len(record.solver_changes) >= (1 if self.ahead.crawling else EVENTS.max_solver_changes):
+                if crawls and not (self.charts.needed or self.conditions or ahead.crawling) \
+                        and looks.times[0] - state.t > EVENTS.approach * self.same and halvings < EVENTS.max_halvings:
+                    # a long way without an output point: nearer points, with as many steps in all as in other runs
+                    ahead.points, ahead.spent = 1, ahead.spent + EVENTS.steps_between
+                    return state, halvings + one
                 raise
         before, self.failed_at = self.solver, state.t
         self.solver = other(before, bool(len(state.z)))

@@ -51,6 +51,8 @@ class ObjectiveConstants:
     by friction. Doubled: unstable points are evaluated.
     limit_tolerance: share of its right side by which a limit may be exceeded. Origin: errors of runs. Doubled: larger
     excesses.
+    peak_tolerance: share of its right side by which the largest value may exceed a limit that `peak` keeps. Origin: both
+    differ by as much for a periodic motion. Doubled: larger excesses are silent.
     at_boundary: damping ratio from the stability boundary within which it restricts a search. Origin: 2.5 times the
     damping ratio that a search keeps. Doubled: reported more often.
     """
@@ -63,6 +65,7 @@ class ObjectiveConstants:
     resize: float = 3.0
     max_growth: float = 3.0
     limit_tolerance: float = 1e-4
+    peak_tolerance: float = 0.01
     at_boundary: float = 5e-4
 
 
@@ -344,6 +347,29 @@ class Objective:
         modes = self._modes[0]
         first, modes_at_start = modes.at(self.values(y))
         return np.asarray(modes.slope(first, max(modes_at_start, key=lambda m: m.value.real), self.names).real * self.span)
+
+    def peak_notes(self, values: Mapping[str, float]) -> list[str]:
+        """Sentences on limits that hold by `peak`, a smooth maximum, and that the largest values of the run at values of the
+        free parameters (SI) exceed: the mean in `peak` counts a short transient too low."""
+        limits = [replace(cost, functionals=tuple(replace(f, kind="largest") if f.kind == "peak" else f
+                                                  for f in cost.functionals))
+                  for cost in self.costs[1:] if any(f.kind == "peak" for f in cost.functionals) and not any(cost.references)]
+        exceeded = dict[str, float]()
+        for case in self.cases if limits else ():
+            assembly = case.plain.assembly
+            evaluator = Evaluator(assembly, limits, self.begin, float(self.times[-1]), named=tuple(self.names),
+                                  modes=self.task.modes)
+            times = np.union1d(self.times, np.linspace(self.begin, self.times[-1], OBJECTIVE.size_points))
+            run = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
+                            factors=evaluator.factors, dense=True).run(dict(values))
+            numbers, slopes = evaluator.functional_values(run)
+            excesses = evaluator.cost_values(numbers, slopes, np.zeros(len(numbers)), run.p, np.zeros((0, len(run.p))))
+            for limit, (excess, _) in zip(limits, excesses, strict=True):
+                exceeded[limit.text] = max(exceeded.get(limit.text, 0.0), excess)
+        return [f"limit {text}: the largest value of the run exceeds it by {100 * excess:.3g} %. `peak` is a smooth "
+                "maximum, which is below the largest value of a short transient: set the limit lower by as much, or "
+                "evaluate a shorter time (`evaluate: {from: ..., to: ...}`)" for text, excess in exceeded.items()
+                if excess > OBJECTIVE.peak_tolerance]
 
     def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, OperatingPointStability] | None:
         """The least stable case at its operating point with parameters in SI; None if a case has no equilibrium.

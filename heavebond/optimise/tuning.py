@@ -49,7 +49,7 @@ class Tuned(facade.Displayed):
     `limits` are negative if satisfied (relative); `paths` are the evaluations of every start. `simulations` counts a run
     with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
     contains the margins of the best values; `at_end` the parameters at the lower or the upper end of their range, `notes`
-    the jumps of laws in the best runs, which gradients lack.
+    the jumps of laws in the best runs, which gradients lack, and the limits that their largest values exceed.
     """
 
     task: TuningProblem
@@ -125,7 +125,8 @@ def _tuned(problem: Objective, task: TuningProblem, results: Sequence[SearchResu
     """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
-    notes = dict.fromkeys(note for case in problem.cases for note in case.jump_notes(values)) if best.best.feasible else ()
+    notes = dict.fromkeys([*(note for case in problem.cases for note in case.jump_notes(values)),
+                           *problem.peak_notes(values)]) if best.best.feasible else ()
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
@@ -201,7 +202,8 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
     limits = dict(zip(problem.limits, best_evaluation.limits.tolist(), strict=True))
     return Tuned(problem.task, best.values, best.cost, _before(problem), dict(best_evaluation.cases), limits,
                  (tuple(step for step, _ in steps),), runs, simulations, "swept", stability_of(problem, best.values),
-                 ends(problem, best.values, dict(sweeps)))
+                 ends(problem, best.values, dict(sweeps)),
+                 tuple(problem.peak_notes(best.values)) if best_evaluation.feasible else ())
 
 
 def _rank(result: SearchResult) -> tuple[bool, float]:
