@@ -36,6 +36,11 @@ def palette(folder: Path) -> Entry:
                        for group in order]}
 
 
+def bundled_entries() -> list[Entry]:
+    """The entries of the components of the bundled library; later calls of `palette` use them."""
+    return [_of_library(name) for name in library().names()]
+
+
 @cache
 def _of_library(name: str) -> Entry:
     return _brief(library().component(name))

@@ -26,7 +26,7 @@ from heavebond.studio.page_safety import ALONE, Guard, new_token, policy
 from heavebond.studio.record_upload import store
 from heavebond.studio.requests import HANDLERS
 from heavebond.studio.tab import Tab
-from heavebond.studio.workers import Pool, reasons
+from heavebond.studio.workers import Pool, reasons, start_imports
 
 PORT, PORTS = 8437, 20  # the first port that is tried, and their number; the browser keeps drafts of unsaved texts by port
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -66,6 +66,7 @@ class Studio:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        start_imports()
         try:
             yield
         finally:

@@ -30,13 +30,21 @@ LOST: Answer = ("problems", [ENDED], None)
 
 
 def process_context() -> ForkServerContext | SpawnContext:
-    """The start method of the studio's processes. On Linux a separate process imports the modules once, and its copies
-    start within milliseconds; new interpreters take two seconds of a processor each."""
+    """The start method of the studio's processes. On Linux a separate process imports the modules and reads the library
+    once, and its copies start within milliseconds; new interpreters take two seconds of a processor each."""
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["heavebond.studio.bench"])
+    context.set_forkserver_preload(["heavebond.studio.preloaded"])
     return context
+
+
+def start_imports() -> None:
+    """Start the process of which workers are copies, before the first worker is needed."""
+    if process_context().get_start_method() == "forkserver":
+        from multiprocessing.forkserver import ensure_running
+
+        ensure_running()
 
 
 def reasons(error: Exception) -> list[Problem]:
