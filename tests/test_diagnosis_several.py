@@ -81,13 +81,13 @@ Table = Mapping[str, float]
 
 def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
             left: float = np.inf, pairs: dict[str, float] | None = None, cut: int = 0, ends: list[Stage] | None = None,
-            parallel: bool = False) -> tuple[str, list[str]]:
+            parallel: bool = False, storing: str = "") -> tuple[str, list[str]]:
     """The effects that are found, and the diagrams on which a step was made.
 
     `pairs` takes what each leading law leaves in its best pair. The step with the number `cut` is ended by the time limit.
     `ends` takes the last step. A diagram that is not in the table leaves what the best diagram with one effect less leaves.
     `B+A` is what A leaves when it is added to B, in a local minimum of its own. The effects are at one place if they are
-    `parallel`, otherwise each is at its own.
+    `parallel`, otherwise each is at its own. The effects in `storing` store energy.
     """
     made: list[str] = []
 
@@ -114,7 +114,8 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
         return best[0] if best else bare
 
     def experiment(effects: str) -> SimpleNamespace:
-        return SimpleNamespace(effects=effects, noise_given=given)
+        return SimpleNamespace(effects=effects, noise_given=given, model=SimpleNamespace(library=SimpleNamespace(
+            component=lambda name: SimpleNamespace(stores="E" if name in storing else None, dissipates="P"))))
 
     def stepping(at: Any, way: Selection) -> Stage:
         made.append(at.effects)
@@ -295,6 +296,7 @@ def test_two_laws_that_one_between_them_imitates_are_tried_in_a_pair(monkeypatch
     for given in (True, False):  # the noise
         assert climbed(monkeypatch, hidden, given=given, parallel=True)[0] == "AB"
     assert climbed(monkeypatch, hidden, given=False)[0] == "C"  # at other places they are not tried
+    assert climbed(monkeypatch, hidden, given=False, parallel=True, storing="A")[0] == "C"  # nor if one stores energy
     level = {**hidden, "AB": 9}
     assert climbed(monkeypatch, level, given=False, parallel=True)[0] == "C"
 

@@ -380,18 +380,25 @@ def joint_refits(pair: Selection, say: Progress, remaining_time: Callable[[], fl
 
 
 def parallel_refits(first: Stage, say: Progress, remaining_time: Callable[[], float]) -> tuple[Refit, ...]:
-    """Refit laws of different classes at the place of the best law of the first step in pairs without the best law.
+    """Refit laws of other classes at the place of the chosen law of the first step in pairs without the chosen law.
 
     Two effects in parallel (dry friction and drag) may be imitated by one law between them (viscous damping), which leaves
-    less than either of them alone.
+    less than either of them alone. Such laws store energy only if the chosen law does.
     """
-    laws = leading_laws(first)
+    assert first.chosen is not None
+    chosen, library = first.chosen.candidate, first.experiment.model.library
+
+    def energy(candidate: Candidate) -> tuple[bool, bool]:
+        component = library.component(candidate.component)
+        return component.stores is not None, component.dissipates is not None
+
     by_class: dict[str, Refit] = {}
-    for trial in laws:
-        if set(trial.candidate.where) == set(laws[0].candidate.where):
+    for trial in explaining_laws(first):
+        if trial.candidate.kind != chosen.kind and set(trial.candidate.where) == set(chosen.where) \
+                and energy(trial.candidate) == energy(chosen):
             by_class.setdefault(trial.candidate.kind, trial)
     refits = []
-    for law, second in combinations([*by_class.values()][1:1 + WAYS], 2):
+    for law, second in combinations([*by_class.values()][:WAYS], 2):
         if remaining_time() <= 0:
             break
         say(f"comparing the leading effects in pairs: {law.candidate.label} and {second.candidate.label}")
@@ -426,13 +433,18 @@ def _of_better_pair(first: Stage, joint: Sequence[Refit], followed: Iterable[str
     return (SelectedEffect(step, step.cluster),)
 
 
-def leading_laws(first: Stage) -> list[Refit]:
+def explaining_laws(first: Stage) -> list[Refit]:
     """The refits of a step that explain much of the misfit, at least the share `FOLLOWED` of the misfit that the best
-    refit explains; at most `RIVALS`, the best first."""
+    refit explains; the best first."""
     assert first.errors is not None
     shares = [(share_taken(first.errors, t.errors, *ALL), t) for t in first.trials if t.errors is not None]
     least = FOLLOWED * max((share for share, _ in shares), default=0.0)
-    return sorted((t for share, t in shares if share >= least), key=loss)[:RIVALS]
+    return sorted((t for share, t in shares if share >= least), key=loss)
+
+
+def leading_laws(first: Stage) -> list[Refit]:
+    """The first `RIVALS` of the laws that explain much of the misfit."""
+    return explaining_laws(first)[:RIVALS]
 
 
 def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refit, ...]:
