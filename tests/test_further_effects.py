@@ -54,12 +54,13 @@ free: {spring.c: 39.5 N/m +- 20 %, damper.d: 0.6 N*s/m +- 50 %, cubic.c_3: 0 .. 
 """
 
 
-def record(file: Path, d_2: float, d_22: float) -> None:
-    """Growing noise on an oscillator whose damping force has d_2 v |v| and d_22 y**2 v (Runge-Kutta, 20 steps each)."""
+def record(file: Path, d_2: float, d_22: float, quiet: float = 0.0) -> None:
+    """Growing noise on an oscillator whose damping force has d_2 v |v| and d_22 y**2 v (Runge-Kutta, 20 steps each), at rest
+    in the share `quiet` of the record."""
     random, n, fs, steps = np.random.default_rng(1), 1200, 9.0, 20
     frequency = np.fft.rfftfreq(n, 1 / fs)
     u = np.fft.irfft(np.exp(2j * np.pi * random.random(len(frequency))) * ((frequency > 0) & (frequency < 2.4)), n)
-    t, u = np.arange(n) / fs, u / u.std() * np.linspace(0.3, 1.7, n)
+    t, u = np.arange(n) / fs, u / u.std() * np.linspace(0.3, 1.7, n) * (np.arange(n) >= quiet * n)
     fine = CubicSpline(t, u)(np.arange(2 * steps * (n - 1) + 1) / fs / steps / 2).tolist()
 
     def rate(force: float, y: float, v: float) -> tuple[float, float]:
@@ -79,13 +80,15 @@ def record(file: Path, d_2: float, d_22: float) -> None:
     np.savetxt(file, np.column_stack([t, u, measured]), delimiter=",", header="t,u,y", comments="")
 
 
-@pytest.mark.parametrize(("d_2", "d_22", "differs"), [(0.15, 0.0, False), (0.0, 4.8, True)])
-def test_a_number_is_constant_where_its_law_is_the_machine_s(d_2: float, d_22: float, differs: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("d_2", "d_22", "quiet", "differs"), [
+    (0.15, 0.0, 0.0, False), (0.0, 4.8, 0.0, True), (0.15, 0.0, 0.5, False)])
+def test_a_number_is_constant_where_its_law_is_the_machine_s(d_2: float, d_22: float, quiet: float, differs: bool,
+                                                            tmp_path: Path) -> None:
     """Quadratic damping takes nearly all of the misfit of a damping that grows with the square of the distance; its strength
-    at small and at large motion tells them apart."""
+    at small and at large motion tells them apart. Times at which the machine is at rest do not count."""
     (tmp_path / "oscillator.yaml").write_text(DIAGRAM)
     (tmp_path / "measured.yaml").write_text(MEASURED)
-    record(tmp_path / "noise.csv", d_2, d_22)
+    record(tmp_path / "noise.csv", d_2, d_22, quiet)
     base: Base = fitted_base(hb.load_experiment(tmp_path / "measured.yaml"))
     unit = next(iter(base.problem.columns)).free.range.unit
     found = constancy(base, [EffectNumber("drag.d_2", unit, 0.0, None, None, True)])
@@ -94,6 +97,16 @@ def test_a_number_is_constant_where_its_law_is_the_machine_s(d_2: float, d_22: f
         assert found.strength == pytest.approx([1] * 5, abs=0.03)
     # a number without a neutral value has no strength
     assert constancy(base, [EffectNumber("damper.d", unit, 0.0, None, None, False)]) is None
+
+
+def test_an_effect_that_does_not_act_in_the_fitted_part_has_no_strength(tmp_path: Path) -> None:
+    """The last third is held out: the machine is at rest in all fitted samples, and the response underflows when squared."""
+    (tmp_path / "oscillator.yaml").write_text(DIAGRAM)
+    (tmp_path / "measured.yaml").write_text(MEASURED)
+    record(tmp_path / "noise.csv", 0.15, 0.0, 0.8)
+    base: Base = fitted_base(hb.load_experiment(tmp_path / "measured.yaml"))
+    unit = next(iter(base.problem.columns)).free.range.unit
+    assert constancy(base, [EffectNumber("drag.d_2", unit, 0.0, None, None, True)]) is None
 
 
 def errors(chi2: float) -> PredictiveErrors:

@@ -90,9 +90,10 @@ def _chance(a: Array, b: Array) -> float:
     return float(stdtr(independent - 2, -r * np.sqrt((independent - 2) / (1 - r * r))))
 
 
-def envelope(values: Array, time: Array) -> tuple[Array, Array]:
-    """Amplitude (of a sine with the same mean square) and frequency (Hz) of a signal, over a window of about two periods."""
-    centred = values - values.mean()
+def envelope(values: Array, time: Array, about: float | None = None) -> tuple[Array, Array]:
+    """Amplitude (of a sine with the same mean square) and frequency (Hz) of a signal about a value, by default its mean,
+    over a window of about two periods."""
+    centred = values - (values.mean() if about is None else about)
     rate = np.gradient(centred, time)
     omega = float(np.sqrt(np.mean(rate**2) / max(float(np.mean(centred**2)), 1e-300)))
     step = float(np.median(np.diff(time)))

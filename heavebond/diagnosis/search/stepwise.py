@@ -73,6 +73,7 @@ from heavebond.localise.error_states import envelope
 from heavebond.numerics.dae import Array
 
 BLOCKS = 30  # number of blocks of time over all records, for the covariance
+ACTING = 1e-3  # share of the largest amplitude below which an effect does not act and its strength cannot be estimated
 AT = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of the amplitude at which the strength is evaluated
 
 
@@ -101,11 +102,12 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
         if column.free.name in neutral:
             response += base.J[:, k] / column.slope(inner) * (column.outer(inner) - neutral[column.free.name])
-    if not response.any():
+    if not response @ response > 0:
         return None
-    amplitude, cluster = _amplitudes(base, response)
-    g = np.empty(len(response))
-    g[np.argsort(amplitude, kind="stable")] = np.linspace(-1.0, 1.0, len(response))
+    amplitude, size, cluster = _amplitudes(base, response)
+    acting = np.flatnonzero(size > ACTING * size.max())
+    g = np.full(len(response), -1.0)
+    g[acting[np.argsort(amplitude[acting], kind="stable")]] = np.linspace(-1.0, 1.0, len(acting))
     moving = np.flatnonzero(~base.problem.at_end(base.inner))
     J, priors = base.J[:, moving], base.priors[:, moving]
     X = np.column_stack([J, response * g, response * g**2])
@@ -125,33 +127,33 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     names = {n.name for n in numbers}
     inside = [k for k, column in enumerate(moving) if base.problem.columns[column].free.name in names]
     common = float(response @ (X[:, inside] @ step[inside])) / float(response @ response)
-    strength = tuple(float(1 + common + b[0] * v + b[1] * v**2) for v in np.quantile(g, AT))
+    strength = tuple(float(1 + common + b[0] * v + b[1] * v**2) for v in np.quantile(g[acting], AT))
     # p value of the hypothesis b = 0 by Hotelling's T**2
     t = float(b @ np.linalg.pinv(spread) @ b)
     free = max(blocks - 1, 3)
     return Constancy(strength, float(fdtrc(2, free - 1, t * (free - 1) / (2 * free))))
 
 
-def _amplitudes(base: Base, response: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The envelope (n,) of a response at each residual, combined over all channels, and the index (n,) of the block of
-    time."""
+def _amplitudes(base: Base, response: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """The envelopes (n,) of a response at each residual, about its mean and about zero, combined over all channels, and the
+    index (n,) of the block of time."""
     runs, before = base.problem.runs, 0
-    amplitude, cluster = np.zeros(len(response)), np.zeros(len(response), dtype=np.int64)
+    amplitude, cluster = np.zeros((2, len(response))), np.zeros(len(response), dtype=np.int64)
     number, total = 0, len(response)
     for run in runs:
         channel, place = np.nonzero(run.counts)
         part = response[before:before + len(place)]
         time = run.found.grid
-        square = np.zeros(len(time))
+        square = np.zeros((2, len(time)))
         for c in np.unique(channel):
             of_channel = channel == c
             whole = np.interp(np.arange(len(time)), place[of_channel], part[of_channel])
-            square += envelope(whole, time)[0]**2
-        amplitude[before:before + len(place)] = np.sqrt(square)[place]
+            square += [envelope(whole, time)[0]**2, envelope(whole, time, about=0.0)[0]**2]
+        amplitude[:, before:before + len(place)] = np.sqrt(square)[:, place]
         blocks = max(2, round(BLOCKS * len(place) / total))
         cluster[before:before + len(place)] = number + place * blocks // len(time)
         before, number = before + len(place), number + blocks
-    return amplitude, np.unique(cluster, return_inverse=True)[1].astype(np.int64)
+    return *amplitude, np.unique(cluster, return_inverse=True)[1].astype(np.int64)
 
 
 MOST = 5  # maximum number of effects
