@@ -89,7 +89,8 @@ class EventIntegration:
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False,
                  kinks: Array | None = None, delays: Delays | None = None, sampled: Make | None = None, step: float = 0.0):
         self.delays, self._make_sampled = delays, sampled
-        self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
+        self.first_solver, self.solver, self.changes = solver, solver, changes
+        self.failed_at = self.crawled_at = -np.inf
         self.dense, self.step, self.window = dense, step, 1
         self.failures = Failures(0)
         self.charts, self.integrals, self.stops, self.inputs, self._build = charts, integrals, stops, inputs, build
@@ -126,7 +127,8 @@ class EventIntegration:
             y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
             state = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
             state = replace(state, true=self._true(state))
-            self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
+            self.solver, self.failures = self.first_solver, Failures(0)
+            self.failed_at = self.crawled_at = -np.inf
             record = Record(state, self.stops, self.same, self.dense)
             self._write(state, record)
             if self.delays is not None:
@@ -510,10 +512,11 @@ class EventIntegration:
             if not self.changes or _says(final, INTERRUPTED) or state.t <= self.failed_at \
                     or len(record.solver_changes) >= (1 if self.ahead.crawling else EVENTS.max_solver_changes):
                 if crawls and not (self.charts.needed or self.conditions or ahead.crawling) \
-                        and looks.times[0] - state.t > EVENTS.approach * self.same and halvings < EVENTS.max_halvings:
-                    # a long way without an output point: nearer points, with as many steps in all as in other runs
-                    ahead.points, ahead.spent = 1, ahead.spent + EVENTS.steps_between
-                    return state, halvings + one
+                        and looks.times[0] - state.t > EVENTS.approach * self.same and state.t > self.crawled_at:
+                    # perhaps a long way without an output point: once a point at a sixteenth of it, with as many steps in
+                    # all as in other runs
+                    ahead.points, ahead.spent, self.crawled_at = 1, ahead.spent + EVENTS.steps_between, state.t
+                    return state, halvings + 4
                 raise
         before, self.failed_at = self.solver, state.t
         self.solver = other(before, bool(len(state.z)))
