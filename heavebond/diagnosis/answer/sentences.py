@@ -292,11 +292,11 @@ def better_values(values: Stage | None, first: Stage, known: Sequence[str]) -> l
     if values is None or values.partial or first.errors is None or (effect is not None and effect.candidate.kind == VALUE):
         return []
     largest = loss(effect) if effect is not None else math.inf
-    shares = {id(t): share_taken(first.errors, t.errors, *ALL) for t in values.trials
-              if t.candidate.kind == VALUE and t.errors is not None and t.candidate.name not in known
-              and loss(t) <= (1 + DECISION.material) * largest}
-    trials = sorted((t for t in values.trials if shares.get(id(t), 0.0) >= DECISION.mainly), key=loss)
-    near = [t for t in trials if loss(t) <= (1 + DECISION.material) * loss(trials[0])]
+    trials = sorted(((t, share_taken(first.errors, t.errors, *ALL)) for t in values.trials
+                     if t.candidate.kind == VALUE and t.errors is not None and t.candidate.name not in known
+                     and loss(t) <= (1 + DECISION.material) * largest), key=lambda pair: loss(pair[0]))
+    trials = [(t, share) for t, share in trials if share >= DECISION.mainly]
+    near = [t for t, _ in trials if loss(t) <= (1 + DECISION.material) * loss(trials[0][0])]
     if not near:
         return []
     names = {s.candidate.label: s.candidate.name for s in values.scores}
@@ -305,7 +305,7 @@ def better_values(values: Stage | None, first: Stage, known: Sequence[str]) -> l
         for t in near[:MENTIONED]]
     one = len(near) == 1 and " which acts as " not in texts[0]
     alone = "" if effect is None else f", with {called(effect.candidate)} alone {number(largest, 3)}"
-    share = _share(shares[id(near[0])])
+    share = _share(trials[0][1])
     return [f"Without any effect, {joined(texts, 'or')} explains {share} % of the misfit (chi-square of all "
             f"predictions {number(loss(near[0]), 3)}{alone}): check {'that value' if one else 'these values'}, or put "
             f"{'it' if one else 'one of them'} under `free:` and diagnose again."]

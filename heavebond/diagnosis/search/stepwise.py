@@ -38,7 +38,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import combinations
 from math import inf
 
 import numpy as np
@@ -399,39 +398,37 @@ def parallel_refits(first: Stage, say: Progress, remaining_time: Callable[[], fl
         if trial.candidate.kind != chosen.kind and set(trial.candidate.where) == set(chosen.where) \
                 and energy(trial.candidate) == energy(chosen):
             by_class.setdefault(trial.candidate.kind, trial)
-    refits = []
-    for law, second in combinations([*by_class.values()][:WAYS], 2):
-        if remaining_time() <= 0:
-            break
-        say(f"comparing the leading effects in pairs: {law.candidate.label} and {second.candidate.label}")
+    laws, refits = [*by_class.values()][:WAYS], list[Refit]()
+    for number_of_law, law in enumerate(laws[:-1], 1):
         experiment = following(choosing(first, law))
-        added = next((c for c in candidates(experiment) if c.label == second.candidate.label
-                      and not c.acts_on([law.candidate])), None)
+        by_label = {c.label: c for c in candidates(experiment) if not c.acts_on([law.candidate])}
         try:
             base = fitted_base(experiment)
         except HeavebondError:
             continue
-        # the second law begins with a small amplitude, as the first one has nearly all of the effect
-        neutral = {n.name: n.neutral for n in second.candidate.vanishing}
-        values = {n.name: neutral[n.name] + LITTLE * (second.values[n.name] - neutral[n.name]) if n.name in neutral
-                  else second.values[n.name] for n in second.candidate.numbers if n.name in second.values}
-        pair = None if added is None else refitted_from(base, added, replace(second, values=values, own={}))
-        if pair is not None and not pair.absent:
-            refits.append(replace(pair, candidate=law.candidate, beyond=law.beyond, unshown=law.unshown,
-                                  lent=second.candidate.label))
+        for second in (t for t in laws[number_of_law:] if t.candidate.label in by_label):
+            if remaining_time() <= 0:
+                return tuple(refits)
+            say(f"comparing the leading effects in pairs: {law.candidate.label} and {second.candidate.label}")
+            # the second law begins with a small amplitude, as the first one has nearly all of the effect
+            neutral = {n.name: n.neutral for n in second.candidate.vanishing}
+            values = {n.name: neutral[n.name] + LITTLE * (second.values[n.name] - neutral[n.name]) if n.name in neutral
+                      else second.values[n.name] for n in second.candidate.numbers if n.name in second.values}
+            pair = refitted_from(base, by_label[second.candidate.label], replace(second, values=values, own={}))
+            if pair is not None and not pair.absent:
+                refits.append(replace(pair, candidate=law.candidate, beyond=law.beyond, unshown=law.unshown,
+                                      lent=second.candidate.label))
     return tuple(refits)
 
 
 def _of_better_pair(first: Stage, joint: Sequence[Refit], followed: Iterable[str]) -> Selection:
     """The law of the pair that predicts best, as a selection of one effect, if its pair leaves materially less than those
     of the laws in `followed`; otherwise an empty selection."""
-    known = {t.candidate.label: t for t in joint}
-    least = min((loss(t) for label, t in known.items() if label in followed), default=inf)
+    least = min((loss(t) for t in joint if t.candidate.label in followed), default=inf)
     best = joint[0]
     if best.candidate.label in followed or not best.lent or loss(best) >= (1 - DECISION.material) * least:
         return ()
-    trial = next(t for t in first.trials if t.candidate.label == best.candidate.label)
-    step = choosing(first, trial)
+    step = choosing(first, next(t for t in first.trials if t.candidate.label == best.candidate.label))
     return (SelectedEffect(step, step.cluster),)
 
 
