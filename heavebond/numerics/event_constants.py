@@ -76,6 +76,8 @@ class EventConstants:
         give way with 1e-12 of it, times the ratio of its mass to their typical mass. Doubled: nothing for masses up to
         10 million times the typical one.
     max_halvings: halvings of a step in which a choice of states ends. Origin: rounding of time. Doubled: nothing.
+    nearer: halvings of a stretch without conditions at which too many steps are taken. Origin: a sixteenth of a stretch
+        takes fewer than `steps_between` steps if ten times as many are enough for all of it. Doubled: more points.
     max_failures: failures of the integrator without an event between. Origin: a bound on the time of a run without
         progress. Doubled: a hopeless run ends later.
     max_solver_changes: changes of the solver in one run. Origin: a bound on the time of a run without progress.
@@ -125,6 +127,7 @@ class EventConstants:
     reduced: float = 0.5
     held: float = 1e-4
     max_halvings: int = 40
+    nearer: int = 4
     max_failures: int = 400
     max_solver_changes: int = 200
     continuous: float = 1e-7

@@ -513,10 +513,10 @@ class EventIntegration:
                     or len(record.solver_changes) >= (1 if self.ahead.crawling else EVENTS.max_solver_changes):
                 if crawls and not (self.charts.needed or self.conditions or ahead.crawling) \
                         and looks.times[0] - state.t > EVENTS.approach * self.same and state.t > self.crawled_at:
-                    # perhaps a long way without an output point: once a point at a sixteenth of it, with as many steps in
-                    # all as in other runs
+                    # perhaps a long way without an output point: once a nearer point, with as many steps in all as in
+                    # other runs
                     ahead.points, ahead.spent, self.crawled_at = 1, ahead.spent + EVENTS.steps_between, state.t
-                    return state, halvings + 4
+                    return state, halvings + EVENTS.nearer
                 raise
         before, self.failed_at = self.solver, state.t
         self.solver = other(before, bool(len(state.z)))

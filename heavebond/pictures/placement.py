@@ -374,8 +374,8 @@ class _Search:
         ends = [(self.cells.get(end), numbers, end == name) for end, numbers in self.ends[k]]
         fixed = [(cell, numbers[self.turns[end]]) for (cell, numbers, _), (end, _) in zip(ends, self.ends[k], strict=True)
                  if cell is not None]
-        moved = [numbers for _, numbers, own in ends if own]
-        n = len(fixed) + len(moved)
+        own_ends = [numbers for _, numbers, is_own in ends if is_own]
+        n = len(fixed) + len(own_ends)
         cost = np.zeros((len(cells), len(turns), n, n))
         for i, ((x, y), one) in enumerate(fixed):
             for j, ((u, v), two) in enumerate(fixed[:i]):
@@ -383,14 +383,14 @@ class _Search:
                 if x == u or y == v:
                     inside = [min(x, u) <= c <= max(x, u) and min(y, v) <= r <= max(y, v) for c, r in cells]
                     cost[inside, :, i, j] += BETWEEN
-        for i, numbers in enumerate(moved, len(fixed)):
+        for i, numbers in enumerate(own_ends, len(fixed)):
             for j, ((u, v), two) in enumerate(fixed):
                 between = [self._between(c, r, u, v) for c, r in cells]
                 lengths = {one: [self.wires.cost(one, two, u - c, v - r) for c, r in cells]
                            for one in {numbers[turn] for turn in turns}}
                 cost[:, :, i, j] = np.transpose([lengths[numbers[turn]] for turn in turns]) + np.reshape(between, (-1, 1))
-            for j, others in enumerate(moved[:i - len(fixed)], len(fixed)):
-                cost[:, :, i, j] = [self.wires.cost(numbers[turn], others[turn], 0, 0) for turn in turns]
+            for j, earlier in enumerate(own_ends[:i - len(fixed)], len(fixed)):
+                cost[:, :, i, j] = [self.wires.cost(numbers[turn], earlier[turn], 0, 0) for turn in turns]
         cost += np.swapaxes(cost, 2, 3)
         # Prim's tree for all cells and rotations at once
         total, reach, waiting = np.zeros(cost.shape[:2]), cost[:, :, 0].copy(), np.ones(cost.shape[:3], dtype=bool)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -217,7 +218,8 @@ def _write_csv(run: SavedRun, path: Path) -> None:
     run.to_pandas().assign(**{ROWS_LEFT: range(len(run.time) - 1, -1, -1)}).to_csv(path)
 
 
-def exact_numbers() -> dict[str, Any]:
+@cache
+def exact_numbers() -> Mapping[str, Any]:
     """The option with which `pandas.read_csv` reads each number to its last bit: none from pandas 3.1 on, which reads so in
     any case and deprecates the option."""
     import pandas as pd

@@ -396,13 +396,13 @@ class _RefitProblem:
         neutral = {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
         choices = [{name: trial.values[name] for name in self.ranges if name in trial.values},
                    *(dict(plan.numbers) for plan in self.starts.plans[:2 * SHAPES:2])]
-        others = {**self.problem.values_of(self.problem.start, self.runs[0].record.name), **values}
+        parameters = {**self.problem.values_of(self.problem.start, self.runs[0].record.name), **values}
 
         def point(numbers: Mapping[str, float], factor: float) -> Array:
             scaled = {name: value if name not in neutral else neutral[name] + factor * (value - neutral[name])
                       for name, value in numbers.items() if name in self.ranges}
             clipped = {name: float(np.clip(value, *self.ranges[name])) for name, value in scaled.items()}
-            start = [c.inner({**others, **record_values.get(c.record, {}), **clipped}[c.free.name])
+            start = [c.inner({**parameters, **record_values.get(c.record, {}), **clipped}[c.free.name])
                      for c in self.problem.columns]
             span = self.problem.high - self.problem.low
             return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
