@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
@@ -29,7 +30,7 @@ from heavebond.pictures import pictograms, placement
 from heavebond.pictures.drawing import WARNING
 from heavebond.pictures.layout import Drawn, Options, lay_out
 from heavebond.pictures.routing import route
-from heavebond.pictures.sheets import opened_blocks, sheet
+from heavebond.pictures.sheets import Sheet, opened_blocks, sheet
 from heavebond.pictures.text_metrics import NAME, Box, text_width
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -194,7 +195,7 @@ def test_costs_of_all_cells_at_once_are_those_of_each(monkeypatch: pytest.Monkey
 
     def checked(self: placement._Search, name: str) -> tuple[placement.Cell, placement.Matrix]:
         cells = [cell for cell in self._choices(name) if cell not in self.taken]
-        turns = [turn for _, turn in self.pieces[name].different]
+        turns = self.pieces[name].different
         for k in self.of[name]:
             costs = self._net_costs(k, name, cells, turns)
             for i, j in np.ndindex(costs.shape):
@@ -216,6 +217,38 @@ def test_without_places_a_chain_becomes_a_line() -> None:
     assert items["damper"].x == items["spring"].x
     heave = next(line for line in drawn.lines if line.net.path == "heave")
     assert len(heave.wire.lines) == 1 and len(heave.wire.lines[0]) == 2
+
+
+UP_AND_DOWN = ("cascaded_tanks", "cylinder_rig", "dc_stage", "emps", "linear_motor", "passive_rig", "pneumatic_cylinder",
+               "quarter_car", "receiver_rig", "servo_drive")
+
+
+def without_places(sheet: Sheet) -> Sheet:
+    return replace(sheet, parts={name: replace(part, at=None, turn=None) for name, part in sheet.parts.items()})
+
+
+@for_each("name", UP_AND_DOWN)
+def test_without_places_supplies_are_above_or_on_the_left_and_grounds_not_above(name: str) -> None:
+    """The wire of a source leaves to the right or downwards, that of a ground, a tank or a fixed point not downwards, and
+    that of a weight points down on its body. A seat with a given motion is below what it carries if that has a weight."""
+    expanded = expand(hb.load(name))
+    drawn = lay_out(without_places(sheet(expanded, connect(expanded), frozenset())), {}, Options(False, {}))
+    sides = {item.part.name: (item.part.component.name, item.shape.of("a")[0].side) for item in drawn.items
+             if "a" in item.part.ports and len(item.part.component.ports) == 1}
+    for kind, side in sides.values():
+        if kind in ("Fixed", "ElectricalGround", "Tank"):
+            assert side != "bottom", sides
+        elif kind in ("PressureSource", "PneumaticSource", "FlowSource", "ForceSource", "Weight"):
+            assert side in ("right", "bottom"), sides
+    if name == "quarter_car":
+        assert sides["road"][1] == "top"
+
+
+def test_without_places_signals_run_from_left_to_right() -> None:
+    expanded = expand(hb.load("servo_drive"))
+    drawn = lay_out(without_places(sheet(expanded, connect(expanded), frozenset())), {}, Options(False, {}))
+    x = {item.part.name: item.x for item in drawn.items}
+    assert x["position"] < x["speed_pi"] < x["current_pi"] < x["computing"] <= x["amplifier"]
 
 
 def test_a_mass_stands_in_its_line() -> None:
@@ -378,6 +411,7 @@ PAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="-20 -20 40 40">{}<circle
     (PAD.format("").replace('cx="-20"', 'cx="-15"'), "the place of port 'a' is not on the edge"),
     (PAD.format("").replace("-20 -20 40 40", "wide"), "this is not a symbol"),
     (PAD.format("<path"), "this is not a symbol"),
+    (PAD.format("").replace("viewBox", 'data-leave="upwards" viewBox'), "data-leave is none of left, right, top, bottom"),
     (PAD.format("").replace('data-port="a"', 'data-port="b"'), "the symbol 'pad' has no place for a of Pad"),
 ])
 def test_a_symbol_that_could_act_or_misses_a_port_is_refused(tmp_path: Path, symbol: str, said: str) -> None:

@@ -127,8 +127,11 @@ def _piece(part: Part) -> Piece:
     turn = part.exact.turn if part.exact is not None and part.exact.turn is not None else part.turn
     mirrored = part.exact.mirrored if part.exact is not None and part.exact.turn is not None else None
     power = tuple(p for p, domain in part.ports.items() if domain != "signal")
+    leave = shape.leave if shape is not None else ()
+    if shape is not None and part.ports and not power and not leave:
+        leave = shape.of(next(iter(part.ports)))[0].side,  # signals run from left to right
     return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else (),
-                 None if turn is None else FACING[turn], mirrored)
+                 None if turn is None else FACING[turn], mirrored, leave)
 
 
 def facings(part: Part) -> list[int]:

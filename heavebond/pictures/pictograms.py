@@ -63,7 +63,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Shape:
-    """A picture around its centre: extent, anchors, marks, present rotation (`turn`) and permitted rotations (`turns`)."""
+    """A picture around its centre: extent, anchors, marks, present rotation (`turn`) and permitted rotations (`turns`);
+    `leave`: the sides on which the wire of the first port preferably leaves (a fixed point: at the top, so that the
+    fixed point is below the parts that it carries)."""
 
     left: int
     top: int
@@ -74,6 +76,7 @@ class Shape:
     domain: str = ""
     turns: tuple[Matrix, ...] = (STRAIGHT,)
     turn: Matrix = STRAIGHT
+    leave: tuple[str, ...] = ()
 
     def turned(self, turn: Matrix) -> Shape:
         """The rotated picture; `turn` is relative to the picture in its file."""
@@ -139,6 +142,9 @@ def _read(path: Path, stamp: int) -> Shape:
     turns = TURNS.get(root.get("data-turn", "none"))
     if turns is None:
         raise _wrong("symbol-bad", f"data-turn is none of {listing(TURNS)}", place, "Correct it.")
+    leave = tuple(root.get("data-leave", "").split())
+    if any(side not in SIDES for side in leave):
+        raise _wrong("symbol-bad", f"data-leave is none of {listing(SIDES)}", place, "Correct it.")
     right, bottom = left + width, top + height
     anchors, marks = [], []
     for element in root.iter():
@@ -156,7 +162,8 @@ def _read(path: Path, stamp: int) -> Shape:
             anchors.append(_anchor(element, (left, top, right, bottom), place))
         elif mark.tag != "title":
             marks.append(mark)
-    return Shape(left, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns)
+    return Shape(left, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns,
+                 leave=leave)
 
 
 def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place: Place) -> Anchor:

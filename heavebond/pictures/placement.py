@@ -22,6 +22,8 @@ BEND, BETWEEN, UNNATURAL = 45, 110, 50
 # small cost per px from the first cell, and per cell to the left of it or above: reading begins there
 FAR, BEFORE = 0.02, 25
 TURNED = 2  # earlier rotations in the list are more usual
+# the first wire of a part leaves on a side other than the preferred ones, and on the opposite side
+ASIDE, INVERTED = 30, 80
 SWEEPS, STARTS = 6, 5
 OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 MOST_MOVED = 40  # larger sheets are not improved, because each sweep tries every pair; parts stay next to their neighbours
@@ -37,7 +39,8 @@ class Piece:
 
     side: the edge of a port of the sheet itself; natural: the usual sides of a port; ends: the two ports of a box on
     its left and right, in either order; facing: the direction of its picture's left to right, if the diagram gives it;
-    mirrored: whether the picture is reflected, if the diagram says so.
+    mirrored: whether the picture is reflected, if the diagram says so; leave: the sides on which the wire of the first
+    port preferably leaves.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Piece:
     ends: tuple[str, ...] = ()
     facing: tuple[int, int] | None = None
     mirrored: bool | None = None
+    leave: tuple[str, ...] = ()
 
     @property
     def turns(self) -> tuple[Matrix, ...]:
@@ -61,13 +65,23 @@ class Piece:
         return exact or facing or turns
 
     @cached_property
-    def different(self) -> tuple[tuple[int, Matrix], ...]:
-        """The first of the rotations that place all ports alike (a spring and its reflection), with its position among all:
-        a later one costs more and is never chosen."""
-        first: dict[tuple[Exits, ...], tuple[int, Matrix]] = {}
-        for k, turn in enumerate(self.turns):
-            first.setdefault(tuple(self.exits(port, turn) for port in self.ports), (k, turn))
+    def different(self) -> tuple[Matrix, ...]:
+        """The first of the rotations that place all ports alike (a spring and its reflection)."""
+        first: dict[tuple[Exits, ...], Matrix] = {}
+        for turn in self.turns:
+            first.setdefault(tuple(self.exits(port, turn) for port in self.ports), turn)
         return tuple(first.values())
+
+    @cached_property
+    def turn_costs(self) -> dict[Matrix, float]:
+        """Cost of each rotation: by its place in the list, and by the side on which the first wire leaves. A source is on
+        the left of its neighbours or above them, a fixed point below them."""
+        costs = {STRAIGHT: 0.0}
+        for k, turn in enumerate(self.turns):
+            side = self.shape.turned(turn).of(self.ports[0])[0].side if self.shape is not None and self.leave else ""
+            aside = 0 if not side or side in self.leave else INVERTED if (OPPOSITE[side],) == self.leave else ASIDE
+            costs[turn] = TURNED * k + aside
+        return costs
 
     def exits(self, port: str, turn: Matrix) -> Exits:
         """Possible ends of a wire at a port of the rotated piece, relative to the piece."""
@@ -226,8 +240,8 @@ class _Search:
                     # and a damper in parallel
                     before = self.turns[first], self.turns[second]
                     best, chosen = self._cost_around([first, second]) - 1e-6, before
-                    for _, one in self.pieces[first].different:
-                        for _, two in self.pieces[second].different:
+                    for one in self.pieces[first].different:
+                        for two in self.pieces[second].different:
                             self.turns[first], self.turns[second] = one, two
                             cost = self._cost_around([first, second], best)
                             if cost < best:
@@ -292,10 +306,10 @@ class _Search:
         """Rotate a piece to the lowest cost of its wires, the first rotation among equal ones."""
         turns = self.pieces[name].different
         if len(turns) > 1:
-            best, chosen = math.inf, turns[0][1]
-            for k, turn in turns:
+            best, chosen = math.inf, turns[0]
+            for turn in turns:
                 self.turns[name] = turn
-                cost = self._cost_around([name], best - TURNED * k) + TURNED * k
+                cost = self._cost_around([name], best)
                 if cost < best:
                     best, chosen = cost, turn
             self.turns[name] = chosen
@@ -303,13 +317,13 @@ class _Search:
     def _best(self, name: str) -> tuple[Cell, Matrix]:
         """The free cell and the rotation with the lowest cost of a removed piece."""
         cells, turns = [cell for cell in self._choices(name) if cell not in self.taken], self.pieces[name].different
-        total = sum((self._net_costs(k, name, cells, [turn for _, turn in turns]) for k in self.of[name]),
+        total = sum((self._net_costs(k, name, cells, turns) for k in self.of[name]),
                     np.zeros((len(cells), len(turns))))
         total += np.array([self._place_cost(name, cell) for cell in cells])[:, None]
-        total += [TURNED * k for k, _ in turns]
+        total += [self.pieces[name].turn_costs[turn] for turn in turns]
         best: tuple[float, Cell, Matrix] | None = None
         for cell, costs in zip(cells, total.tolist(), strict=True):
-            for (_, turn), cost in zip(turns, costs, strict=True):
+            for turn, cost in zip(turns, costs, strict=True):
                 if best is None or cost < best[0] - 1e-6:
                     best = cost, cell, turn
         assert best is not None
@@ -334,8 +348,8 @@ class _Search:
 
     # -- cost ------------------------------------------------------------------------------------------------------
     def _cost_around(self, names: list[str], most: float = math.inf) -> float:
-        """Cost of the nets of some pieces, of their distance from the rest, and a little of height: paper is wide. Costs
-        above `most` need not be exact: all contributions are positive."""
+        """Cost of the nets of some pieces, of their rotations, of their distance from the rest, and a little of height:
+        paper is wide. Costs above `most` need not be exact: all contributions are positive."""
         total = 0.0
         for k in self.of[names[0]] if len(names) == 1 else dict.fromkeys(k for name in names for k in self.of[name]):
             total += self._net_cost(k, most - total)
@@ -343,7 +357,7 @@ class _Search:
                 return total
         for name in names:
             if name in self.cells:
-                total += self._place_cost(name, self.cells[name])
+                total += self._place_cost(name, self.cells[name]) + self.pieces[name].turn_costs[self.turns[name]]
         return total
 
     def _place_cost(self, name: str, cell: Cell) -> float:
