@@ -103,6 +103,78 @@ def test_one_chart_alone_and_the_layout_after_a_reload(tab: browser.Tab, server:
     assert tab.complaints == []
 
 
+def test_the_limits_of_an_axis_hold_in_every_unit(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "limited.yaml", PUMPED)
+    tab.run("studio.runs.plotted = ['suction.p'], 1")
+    _run(tab)
+
+    def limit(text: str) -> None:
+        tab.click(".axis-limits")
+        tab.run(f"document.getElementById('ask-name').value = '{text}', 1")
+        tab.click("#ask button.main")
+
+    ends = "[studio.runs.plots.charts[0].scales.y.min, studio.runs.plots.charts[0].scales.y.max]"
+    limit("40 .. 10")
+    tab.wait("document.querySelector('#ask .wrong').innerText.includes('such as 0 .. 40')")
+    tab.key("Escape", code=27)
+    limit("10 .. 40")
+    tab.wait("!document.querySelector('#ask').open && document.querySelector('.axis-limits').ariaPressed === 'true'")
+    assert tab.run(ends) == [10, 40]
+    _choose(tab, "unit of suction.p", "Pa")
+    assert tab.run(ends) == pytest.approx([10e5, 40e5])
+    limit("")
+    tab.wait("document.querySelector('.axis-limits').ariaPressed === 'false'")
+    assert tab.run(ends) != pytest.approx([10e5, 40e5])
+    assert tab.complaints == []
+
+
+def test_kept_runs_are_there_after_a_reload(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "kept.yaml")
+    _run(tab)
+    tab.run("studio.runs.setValue('damper.d', '4 kN*s/m'), 1")
+    tab.wait("!studio.runs.busy && studio.runs.live.values['damper.d']")
+    tab.run("studio.runs.keep('stiff damper'), 1")
+    before = tab.run("[...studio.runs.live.series.get(studio.runs.plotted[0])]")
+    _open(tab, server, "kept.yaml")
+    tab.wait("studio.runs.kept.length === 1 && !studio.runs.busy && studio.runs.plots.charts.length", 60)
+    assert tab.run("studio.runs.kept[0].label") == "stiff damper"
+    assert tab.run("[...studio.runs.kept[0].series.get(studio.runs.plotted[0])]") == before
+    tab.run("document.querySelector('[aria-label=\"forget stiff damper\"]').click(), 1")
+    _open(tab, server, "kept.yaml")
+    tab.wait("studio.view?.svg && studio.runs.recalled")
+    assert tab.run("studio.runs.kept.length + studio.runs.stored.length") == 0
+    # more runs than are computed without a question
+    tab.run("studio.runs.stored = [1, 2].map(k => ({label: `long ${k}`, values: {}, text: studio.editor.text, visible: true, "
+            "seconds: 60})), studio.runs.remember(), 1")
+    _open(tab, server, "kept.yaml")
+    tab.click("#restore")
+    tab.wait("studio.runs.kept.length === 2 && !studio.runs.busy", 60)
+    assert tab.complaints == []
+
+
+def test_listed_signals_have_values_at_the_cursor_and_are_dragged_into_charts(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "listed.yaml")
+    _run(tab)
+    tab.run("studio.pick('part', 'damper'), 1")
+    place = "document.querySelector('.worth-now[data-signal=\"damper.F\"]')"
+    tab.wait(f"{place}?.textContent.endsWith(' N')")
+    tab.run("studio.animation.at(1.1), 1")
+    values = tab.run("[...studio.runs.live.time].map((t, k) => [t, studio.runs.live.listed.get('damper.F')[k]])")
+    instant, expected = next((t, value) for t, value in reversed(values) if t <= 1.1)
+    assert float(tab.run(f"{place}.textContent").split()[0]) == pytest.approx(expected, rel=1e-3)
+    assert abs(instant - 1.1) < 0.02 and tab.run(f"{place}.title") == f"at {instant:g} s"
+    drag = """((name, target) => { const data = new DataTransfer();
+        const row = document.querySelector(`.worth-now[data-signal="${name}"]`).closest("label");
+        row.dispatchEvent(new DragEvent("dragstart", {bubbles: true, dataTransfer: data}));
+        for (const kind of ["dragover", "drop"]) document.querySelector(target).dispatchEvent(new DragEvent(kind,
+            {bubbles: true, cancelable: true, dataTransfer: data})); return 1; })"""
+    tab.run(f"{drag}('damper.F', '#plots')")  # beside the charts: one of its own
+    tab.wait("studio.runs.plots.groups.some(g => g.base === 'N#damper.F')")
+    tab.run(f"{drag}('damper.a.f', '[data-chart=\"N#damper.F\"]')")
+    tab.wait("studio.runs.plots.groups.find(g => g.base === 'N#damper.F').lines.length === 2")
+    assert tab.complaints == []
+
+
 def test_a_signal_over_another(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
     _run(tab)

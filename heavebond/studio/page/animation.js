@@ -170,6 +170,7 @@ export class Animation {
 
   tell() {
     if (this.told) this.told.textContent = `${number(this.time, 4)} s`;
+    this.studio.panel?.values();
   }
 
   // -- drawing -------------------------------------------------------------------------------------------------------

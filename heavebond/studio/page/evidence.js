@@ -23,6 +23,7 @@ export class Evidence {
   waiting = false;
   following = false;
   /** @type {string|null} */ text = null; // that was compared
+  compared = Promise.resolve(); // when the present comparison ends
 
   /** @param {any} studio */
   constructor(studio) {
@@ -57,7 +58,10 @@ export class Evidence {
     const text = this.studio.editor.text;
     if (!this.active || !view.experiment) { this.show(); return; }
     if (view.problems.length) this.show();
-    else if (!this.told || this.text !== text) void this.compare();
+    else if (!this.told || this.text !== text) {
+      this.compared = this.compare();
+      if (!this.told) this.show();
+    }
     else this.show();
   }
 

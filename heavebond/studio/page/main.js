@@ -345,7 +345,7 @@ class Studio {
     if (!this.view?.parts?.[path]?.block) return;
     this.opened = this.opened.includes(path) ? this.opened.filter((p) => p !== path && !p.startsWith(`${path}.`)) : [...this.opened, path];
     this.pick("part", path);
-    void this.check(true);
+    return this.check(true);
   }
 }
 

@@ -2,6 +2,7 @@
 
 import { askName, byId, el, number, unitLabel } from "./dom.js";
 import { Hierarchy } from "./hierarchy.js";
+import { SIGNAL } from "./plots.js";
 import { isUnconnected, problemList } from "./results.js";
 
 const TICKS = 1000, LISTED = 40; // steps of a slider; signals of a search that are listed
@@ -27,6 +28,7 @@ export class Panel {
     this.place.replaceChildren(...(view?.parts ? this.content(view, picked) : []));
     aside.scrollTop = scroll;
     if (focus) document.getElementById(focus)?.focus();
+    void this.fetchValues();
   }
 
   /** @param {any} view @param {any} picked */
@@ -223,10 +225,29 @@ export class Panel {
 
   /** A signal with its unit, to be plotted. @param {any} s @param {string} list */
   tick(s, list) {
-    return el("label", { title: s.name },
+    return el("label", { title: `${s.name}: tick it to plot it, or drag it into a chart`, draggable: "true", ondragstart: (/** @type {DragEvent} */ event) => event.dataTransfer?.setData(SIGNAL, s.name) },
       el("input", { type: "checkbox", id: `${list}-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
         onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),
-      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc)));
+      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("output", { class: "worth-now", "data-signal": s.name }), " ", el("span", { class: "doc" }, s.doc)));
+  }
+
+  /** Fetch the signals that are listed, then show their values at the instant of the run. */
+  async fetchValues() {
+    const places = /** @type {NodeListOf<HTMLElement>} */ (this.place.querySelectorAll(".worth-now"));
+    await this.studio.runs.fetch([...places].map((place) => place.dataset.signal ?? ""));
+    this.values();
+  }
+
+  /** The values of the listed signals at the instant of the run: that of the cursor over the charts. */
+  values() {
+    const run = this.studio.runs.live, time = this.studio.animation?.time ?? 0;
+    let k = 0;
+    if (run) for (let high = run.time.length - 1; k < high;) { const middle = (k + high + 1) >> 1; if (run.time[middle] <= time) k = middle; else high = middle - 1; }
+    for (const place of /** @type {NodeListOf<HTMLElement>} */ (this.place.querySelectorAll(".worth-now"))) {
+      const name = place.dataset.signal ?? "", series = run?.series.get(name) ?? run?.listed?.get(name), unit = run?.units[name] ?? "";
+      place.textContent = series ? `${number(series[k], 4)}${unit && unit !== "1" ? ` ${unitLabel(unit)}` : ""}` : "";
+      place.title = series ? `at ${number(run.time[k])} s` : "";
+    }
   }
 
   /** All signals of the machine by words of their names, units and descriptions. @param {any} view */
@@ -239,6 +260,7 @@ export class Panel {
       const found = words.length ? all.filter((s) => words.every((word) => `${s.name} ${s.unit} ${s.doc}`.toLowerCase().includes(word))) : [];
       count.textContent = words.length ? `${found.length} of ${all.length} signals${found.length > LISTED ? `, the first ${LISTED} are listed` : ""}` : `${all.length} signals`;
       list.replaceChildren(...found.slice(0, LISTED).map((s) => el("li", {}, this.tick(s, "f"))));
+      if (list.isConnected) void this.fetchValues();
     };
     const input = el("input", { id: "find-signal", type: "search", value: this.sought, placeholder: "part, variable, unit or word", spellcheck: "false", autocomplete: "off",
       oninput: (/** @type {any} */ e) => { this.sought = e.target.value; show(); } });

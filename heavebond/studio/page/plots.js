@@ -2,12 +2,13 @@
 
 import uPlot from "./vendor/uPlot.js";
 import { Cursors } from "./cursors.js";
-import { byId, download, el, number, unitLabel } from "./dom.js";
+import { askName, byId, download, el, number, unitLabel } from "./dom.js";
 
 // for every kind of colour vision (after Okabe and Ito), and brighter ones on a dark ground
 export const COLOURS = ["#0072b2", "#c44e00", "#00785a", "#a1478a", "#8a6d00", "#1d2733"];
 export const BRIGHT = ["#6cbcf0", "#ff9d5c", "#4fd1a5", "#e58ccb", "#e0c04a", "#e4e9ee"];
 export const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 4], [14, 4]];
+export const SIGNAL = "application/x-heavebond-signal"; // the kind of what is dragged from the panel into a chart
 const SPECTRUM = "~spectrum"; // in place of the signal over which a chart is drawn
 const HEIGHT = 190, FLAT = 1e-9; // pixels; share of its size below which the span of a signal counts as none
 
@@ -21,7 +22,7 @@ export class Plots {
     this.dark.addEventListener("change", () => { this.shape = ""; this.again?.(); });
     new ResizeObserver(() => this.fit()).observe(this.place);
     this.limits = null;
-    /** What is chosen for the chart of a unit. @type {Record<string, {unit?: string, log?: boolean, over?: string}>} */
+    /** What is chosen for the chart of a unit; `limits` of its vertical axis are in the unit of the run. @type {Record<string, {unit?: string, log?: boolean, over?: string, limits?: [number, number]}>} */
     this.choices = {};
     this.large = ""; // the chart that fills the place
     /** Signals that have a chart of their own, or that of another signal, by its key. @type {Record<string, string>} */
@@ -32,6 +33,8 @@ export class Plots {
     /** @type {((run: any, name: string) => void)|undefined} */ this.onspectrum = undefined;
     /** @type {((time: number) => void)|undefined} */ this.onpoint = undefined;
     /** @type {(() => void)|undefined} */ this.onchoice = undefined;
+    /** A signal was dragged from the panel onto a chart; its key is empty beside the charts. @type {((name: string, base: string) => void)|undefined} */ this.ondrop = undefined;
+    this.receive();
   }
 
   /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} above @param {HTMLElement[]} below what stands above and under the charts */
@@ -164,6 +167,37 @@ export class Plots {
     addEventListener("pointercancel", () => { quit.abort(); clear(); }, { signal });
   }
 
+  /** Take signals that are dragged from the panel. */
+  receive() {
+    const clear = () => { for (const box of this.place.querySelectorAll(".drop")) box.classList.remove("drop"); };
+    this.place.addEventListener("dragover", (event) => {
+      if (!event.dataTransfer?.types.includes(SIGNAL)) return;
+      event.preventDefault();
+      clear();
+      /** @type {Element} */ (event.target).closest("[data-chart]")?.classList.add("drop");
+    });
+    this.place.addEventListener("dragleave", clear);
+    this.place.addEventListener("drop", (event) => {
+      const name = event.dataTransfer?.getData(SIGNAL);
+      clear();
+      if (!name) return;
+      event.preventDefault();
+      this.ondrop?.(name, /** @type {Element} */ (event.target).closest("[data-chart]")?.getAttribute("data-chart") ?? "");
+    });
+  }
+
+  /** Ask for the ends of the vertical axis of a chart. @param {any} group */
+  limit(group) {
+    const { base, scale } = group, unit = group.unit === "1" ? "" : ` in ${unitLabel(group.unit)}`, [chart] = this.charts.filter((_, k) => this.groups?.[k]?.base === base);
+    const now = this.choices[base]?.limits?.map((v) => v / scale) ?? [chart?.scales?.y?.min, chart?.scales?.y?.max];
+    askName("Limits of the vertical axis", `From .. to${unit}; empty for automatic limits:`, now.every(Number.isFinite) ? now.map((v) => number(v)).join(" .. ") : "", async (text) => {
+      const ends = text.split("..").map((end) => Number(end.trim() || NaN));
+      if (text && (ends.length !== 2 || !ends.every(Number.isFinite) || ends[0] >= ends[1])) throw new Error("Write the lower and the upper limit, such as 0 .. 40.");
+      if (text && this.choices[base]?.log && ends[0] <= 0) throw new Error("A logarithmic axis needs limits above zero.");
+      return () => this.choose(base, { limits: text ? [ends[0] * scale, ends[1] * scale] : undefined });
+    }, "Set");
+  }
+
   /** The signal over which the lines of a group are drawn; empty for time. @param {any} group */
   over(group) {
     const name = this.choices[group.base]?.over ?? "";
@@ -201,6 +235,7 @@ export class Plots {
         title: group.positive ? "Logarithmic axis" : "A logarithmic axis needs values above zero", onclick: () => this.choose(base, { log: !choice.log }) }, "log"),
       el("select", { "aria-label": `what ${subject} is drawn over`, onchange: (/** @type {any} */ e) => this.choose(base, { over: e.target.value }) },
         option("", "over time", choice.over ?? ""), option(SPECTRUM, "as spectrum", choice.over ?? ""), ...names.map((name) => option(name, `over ${name}`, this.over(group)))),
+      el("button", { class: "axis-limits", "aria-pressed": String(Boolean(choice.limits)), "aria-label": `limits of the axis of ${subject}`, title: "Limits of the vertical axis", onclick: () => this.limit(group) }, "limits"),
       el("button", { "aria-pressed": String(large), "aria-label": large ? "show all charts" : `show ${subject} alone`, title: large ? "Show all charts" : "Show this chart alone",
         onclick: () => { this.large = large ? "" : base; this.shape = ""; this.onchoice?.(); this.again?.(); } }, large ? "▣" : "□"));
   }
@@ -245,10 +280,11 @@ export class Plots {
   options(group) {
     const style = getComputedStyle(document.body), ink = style.color, line = style.getPropertyValue("--line"), palette = this.dark.matches ? BRIGHT : COLOURS;
     const names = [...new Set(group.lines.map((/** @type {any} */ l) => l.name))];
+    const { limits } = this.choices[group.base] ?? {};
     const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
     return {
       width: this.width, height: this.height(group), cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
-      scales: { x: { time: false }, y: this.choices[group.base]?.log && group.positive ? { distr: 3, log: 10 } : { range: roomy } },
+      scales: { x: { time: false }, y: { ...(this.choices[group.base]?.log && group.positive ? { distr: 3, log: 10 } : { range: roomy }), ...(limits ? { range: limits.map((v) => v / group.scale) } : {}) } },
       legend: { markers: { width: 2, dash: (/** @type {any} */ chart, /** @type {number} */ k) => chart.series[k].dash?.length ? "dashed" : "solid" } },
       hooks: { draw: [(/** @type {any} */ chart) => this.cursors.draw(chart)], setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)],
         setCursor: [(/** @type {any} */ chart) => { const { left } = chart.cursor; if (!this.pointing && left >= 0) this.onpoint?.(chart.posToVal(left, "x")); }] },

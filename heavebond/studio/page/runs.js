@@ -4,6 +4,7 @@ import { askName, byId, el, unitLabel } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
 import { problemList, problemsOf } from "./results.js";
 
+const SOON = 20; // s of all kept runs up to which they are computed when the diagram is opened again
 const QUICK = 2000; // ms of a run up to which sliders are made ready behind it; slower ones cannot follow the mouse
 
 export class Runs {
@@ -11,12 +12,14 @@ export class Runs {
   /** @type {string[]} */ plotted = [];
   /** @type {any} */ live = null;
   /** @type {any[]} */ kept = [];
+  /** @type {any[]} */ stored = []; // kept when the diagram was open before, not computed yet
 
   /** @param {any} studio */
   constructor(studio) {
     this.studio = studio;
     this.plots = new Plots();
     this.plots.onchoice = () => this.remember();
+    this.plots.ondrop = (name, base) => this.dropped(name, base);
     this.plots.onspectrum = (run, name) => void this.spectrum(run, name);
     this.busy = this.begun = this.serial = 0;
     this.clear();
@@ -24,7 +27,7 @@ export class Runs {
 
   /** As for a diagram that was just opened. */
   clear() {
-    Object.assign(this, { values: {}, plotted: [], live: null, kept: [] });
+    Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false });
     this.serial = 0;
     this.plots.empty("Press Run (Ctrl+Enter) to simulate. Then click parts and wires to find signals to plot, and move the sliders of parameters.");
     this.showRuns();
@@ -144,7 +147,7 @@ export class Runs {
       if (!here()) return false;
       if (told.kind === "stopped") this.studio.say("stopped");
       if (told.kind !== "done") return false;
-      this.live = this.made(told, values);
+      this.live = { ...this.made(told, values), seconds: (performance.now() - began) / 1000 };
       this.studio.banner([]);
       this.studio.say(`${told.points} points in ${((performance.now() - began) / 1000).toFixed(1)} s, solver ${told.solver}`);
       if (performance.now() - began < QUICK) void this.prepare();
@@ -160,6 +163,7 @@ export class Runs {
       clearInterval(clock);
       if (!--this.busy) byId("stop").hidden = true;
       this.showRuns();
+      void this.studio.panel.fetchValues();
     }
   }
 
@@ -174,17 +178,67 @@ export class Runs {
     void this.complete();
   }
 
+  /** A signal was dragged from the panel into a chart, or beside the charts. @param {string} name @param {string} base */
+  dropped(name, base) {
+    const pane = base.split("#")[1];
+    if (!base) this.plots.panes[name] = name;
+    else if (pane) this.plots.panes[name] = pane;
+    else delete this.plots.panes[name];
+    this.plot(name, true);
+  }
+
   get layoutKey() { return `plots:${this.studio.folder}/${this.studio.document.name}`; }
 
   /** Keep what is plotted, and how, for the next time that this diagram of this folder is opened. */
   remember() {
-    if (this.studio.document) localStorage.setItem(this.layoutKey, JSON.stringify({ plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns }));
+    if (!this.studio.document) return;
+    const kept = [...this.stored, ...this.kept.map(({ label, values, text, visible, seconds }) => ({ label, values, text, visible, seconds }))];
+    const layout = { plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns };
+    try { localStorage.setItem(this.layoutKey, JSON.stringify({ ...layout, kept })); }
+    catch { localStorage.setItem(this.layoutKey, JSON.stringify(layout)); this.studio.say("the kept runs are too many to be stored for the next time"); }
   }
+
+  /** Simulate the runs that were kept when the diagram was open before; each has its text and its values. */
+  async restore() {
+    const name = this.studio.document?.name, here = () => this.studio.document?.name === name;
+    if (this.restoring) return;
+    this.restoring = true;
+    byId("stop").hidden = false;
+    this.busy++;
+    this.showRuns();
+    try {
+      while (this.stored.length && here()) {
+        const [next] = this.stored;
+        this.studio.say(`computing the kept run ${next.label}`);
+        const told = await this.studio.link.ask("run", { name, text: next.text, values: next.values, names: this.plotted });
+        if (!here()) return;
+        if (told.kind !== "done") break;
+        this.serial++;
+        this.kept.push({ ...this.made(told, next.values), ...next, ...this.marks() });
+        this.stored.shift();
+        this.showPlots();
+      }
+      this.studio.say("");
+    } catch (error) {
+      if (here()) this.studio.say(`the kept run ${this.stored.shift()?.label} failed: ${error instanceof Error ? error.message.split("\n")[0] : ""}`);
+    } finally {
+      this.restoring = false;
+      if (!--this.busy) byId("stop").hidden = true;
+      if (here()) this.showRuns();
+    }
+  }
+
+  /** What tells a kept run from the others. */
+  marks() { return { id: `run ${this.serial}`, live: false, dash: 1 + (this.serial - 1) % (DASHES.length - 1) }; }
 
   /** What was plotted the last time; the first outputs without it. @param {string[]} outputs */
   recall(outputs) {
     const kept = JSON.parse(localStorage.getItem(this.layoutKey) ?? "null");
     this.plotted = kept?.plotted ?? outputs;
+    if (!this.recalled) this.stored = kept?.kept ?? [];
+    this.recalled = true;
+    this.showRuns();
+    if (this.stored.length && this.stored.reduce((sum, run) => sum + (run.seconds ?? 0), 0) < SOON) void this.restore();
     Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "", panes: kept?.panes ?? {}, order: kept?.order ?? [], columns: kept?.columns ?? 1 });
   }
 
@@ -214,6 +268,24 @@ export class Runs {
         return () => this.plot(formula, true);
       }
     }, "Plot");
+  }
+
+  /** Fetch signals of the newest run that are listed in the panel but not plotted. @param {string[]} names */
+  async fetch(names) {
+    const run = this.live;
+    if (!run || run.preview || this.busy) return;
+    run.listed ??= new Map();
+    const missing = names.filter((n) => !run.series.has(n) && !run.listed.has(n));
+    if (!missing.length) return;
+    for (const n of missing) run.listed.set(n, null); // asked for once
+    try {
+      const told = await this.studio.link.ask("signals", { name: this.studio.document.name, text: run.text, values: run.values, names: missing });
+      const [, ...columns] = told.series ?? [];
+      for (const n of told.kind === "done" ? [] : missing) run.listed.delete(n);
+      told.signals?.forEach((/** @type {string} */ n, /** @type {number} */ k) => { run.listed.set(n, columns[k]); run.units[n] ??= told.units[n]; });
+    } catch {
+      // a signal that the run does not have is listed without a value
+    }
   }
 
   get visible() { return [...this.kept.filter((r) => r.visible), ...(this.live ? [this.live] : [])]; }
@@ -246,8 +318,9 @@ export class Runs {
     if (!this.live) return;
     this.serial++;
     const changed = Object.entries(this.live.values).map(([path, value]) => `${path.split(".").at(-1)} = ${value}`).slice(0, 2).join(", ");
-    this.kept.push({ ...this.live, id: `run ${this.serial}`, live: false, label: label || changed || `run ${this.serial}`, dash: 1 + (this.serial - 1) % (DASHES.length - 1) });
+    this.kept.push({ ...this.live, ...this.marks(), label: label || changed || `run ${this.serial}` });
     this.live.label = "now";
+    this.remember();
     this.showRuns();
     this.showPlots();
   }
@@ -261,12 +334,13 @@ export class Runs {
       return svg;
     };
     const kept = this.kept.map((run) => el("span", { class: "kept" }, line(run),
-      el("input", { type: "checkbox", checked: run.visible, "aria-label": `show ${run.label}`, onchange: (/** @type {any} */ e) => { run.visible = e.target.checked; void this.complete(); } }),
+      el("input", { type: "checkbox", checked: run.visible, "aria-label": `show ${run.label}`, onchange: (/** @type {any} */ e) => { run.visible = e.target.checked; this.remember(); void this.complete(); } }),
       el("input", { type: "text", value: run.label, "aria-label": "name of the run", title: Object.entries(run.values).map(([k, v]) => `${k} = ${v}`).join(", "),
-        onchange: (/** @type {any} */ e) => { run.label = e.target.value; this.showPlots(); } }),
-      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.showRuns(); this.showPlots(); } }, "×")));
+        onchange: (/** @type {any} */ e) => { run.label = e.target.value; this.remember(); this.showPlots(); } }),
+      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.remember(); this.showRuns(); this.showPlots(); } }, "×")));
     const name = (this.studio.view?.name ?? "run").replace(/\W+/g, "_");
-    byId("runs").replaceChildren(...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
+    const waiting = this.stored.length && !this.restoring ? [el("button", { id: "restore", title: this.stored.map((run) => run.label).join(", "), onclick: () => void this.restore() }, `Compute ${this.stored.length} kept ${this.stored.length > 1 ? "runs" : "run"}`)] : [];
+    byId("runs").replaceChildren(...waiting, ...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
       el("span", { class: "grow" }), el("button", { id: "formula", disabled: !this.live, title: "Plot a formula of signals", onclick: () => this.derive() }, "Formula…"),
       el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, with the values of the signals at them and between them", onclick: () => { this.plots.measure(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
       el("select", { id: "columns", "aria-label": "charts beside each other", onchange: (/** @type {any} */ e) => { this.plots.columns = Number(e.target.value); this.remember(); this.showPlots(); } }, ...[1, 2, 3].map((n) => el("option", { value: n, selected: n === this.plots.columns }, n === 1 ? "1 column" : `${n} columns`))),
@@ -274,7 +348,7 @@ export class Runs {
       el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
       el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : []));
     this.studio.animation?.follow();
-    byId("runs").classList.toggle("bare", !this.live && !kept.length);
+    byId("runs").classList.toggle("bare", !this.live && !kept.length && !waiting.length);
   }
 
   showPlots() {

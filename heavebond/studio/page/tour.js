@@ -46,10 +46,10 @@ export class Tour {
       { title: "A slider", words: "Move a slider: the machine is simulated while it moves. 'Keep this run', above the charts, keeps the present run for comparison with the next one.", at: find("[data-parameter='controller.K_p']"),
         before: async () => { await ready(); studio.pick("part", "controller"); } },
       { title: "A block", words: "A block contains further parts. A double click (or O) opens it on the drawing: this is the inside of the active compensator.", at: find("#diagram"),
-        before: async () => { await ready(); if (!studio.view.opened.includes("ahc")) studio.openBlock("ahc"); else studio.pick("part", "ahc"); } },
+        before: async () => { await ready(); if (!studio.view.opened.includes("ahc")) await studio.openBlock("ahc"); else studio.pick("part", "ahc"); } },
       { title: "The play of the run", words: "▶ plays the run on the drawing: colours and widths of the wires show velocity and flow. Animation shows the machine in motion.", at: find("#player"), before: ready },
       { title: "Records and diagnosis", words: "An experiment compares a diagram with measured records. This one is of a rig with a part that the diagram lacks: Residual shows the difference, Locate finds its place, and Diagnose proposes the missing law.", at: find("#evidence-bar"),
-        before: async () => { if (studio.document?.name !== RECORDS) await studio.open(RECORDS); } },
+        before: async () => { if (studio.document?.name !== RECORDS) await studio.open(RECORDS); await studio.evidence.compared; } },
       { title: "The end", words: "Copy… writes a machine with all its files into your folder, where you can change it. The key ? lists all keys.", at: find("#go-home") },
     ];
   }
