@@ -39,8 +39,10 @@ def test_a_form_has_no_option_that_names_a_file_or_permits_execution() -> None:
     found = forms(LINE)
     options = {o["name"] for kind in found.values() for form in kind for o in form["options"]}
     assert {"settings", "inputs", "rtol", "solver"} <= options and not options & set(EXCLUDED)
+    assert not [name for name in options if "allow" in name]
     assert {form["name"] for kind in found.values() for form in kind} == {n for names in COMMANDS.values() for n in names}
-    for values in ({"output": "/etc/passwd"}, {"allow_fmu": True}, {"json": "a.json"}, {"nonsense": "1"}):
+    for values in ({"output": "/etc/passwd"}, {"allow_fmu": True}, {"allow_native": True}, {"json": "a.json"},
+                   {"nonsense": "1"}):
         with pytest.raises(UsageError, match="unknown"):
             arguments(main, "run", values)
     for name in ("studio", "new", "import", "demo", "nonsense"):

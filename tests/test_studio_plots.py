@@ -144,8 +144,8 @@ def test_kept_runs_are_there_after_a_reload(tab: browser.Tab, server: Server) ->
     tab.wait("studio.view?.svg && studio.runs.recalled")
     assert tab.run("studio.runs.kept.length + studio.runs.stored.length") == 0
     # more runs than are computed without a question
-    tab.run("studio.runs.stored = [1, 2].map(k => ({label: `long ${k}`, values: {}, text: studio.editor.text, visible: true, "
-            "seconds: 60})), studio.runs.remember(), 1")
+    tab.run("studio.runs.stored = [1, 2].map(k => ({label: `long ${k}`, values: {}, text: studio.editor.text, "
+            "visible: true, seconds: 60})), studio.runs.remember(), 1")
     _open(tab, server, "kept.yaml")
     tab.click("#restore")
     tab.wait("studio.runs.kept.length === 2 && !studio.runs.busy", 60)

@@ -23,9 +23,10 @@ from heavebond.studio.contents import Entry
 # the commands by the kind of document; the others have a place of their own in the studio
 COMMANDS = {"model": ("check", "run", "modes", "linear", "design", "sensitivity", "sweep", "energy", "signal", "export"),
             "experiment": ("compare", "fit", "candidates", "laws", "errors"), "study": ("study", "optimal")}
-# options that name files or other computers, or that permit to execute what a file contains
+# options that name files or other computers
 EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "activity", "scheduler", "processes", "decide",
-            "allow_fmu", "resume", "schema", "in_place")
+            "resume", "schema", "in_place")
+PERMISSION = "allow_"  # options that permit to execute what a file contains: the server has the permission, never the page
 FORMS = {"export": ("fmu", "c")}
 SHORTEST, LONGEST = 1, 500  # characters of a value
 
@@ -57,7 +58,8 @@ def _group(command_line: str) -> click.Group:
 
 def _options(command: click.Command) -> Iterator[click.Option]:
     for p in command.params:
-        if isinstance(p, click.Option) and p.name not in EXCLUDED and not isinstance(p.type, click.Path):
+        if (isinstance(p, click.Option) and p.name not in EXCLUDED and not str(p.name).startswith(PERMISSION)
+                and not isinstance(p.type, click.Path)):
             yield p
 
 
