@@ -254,7 +254,7 @@ CASES = [
          1e-9),
     Case("discrete_transfer_function", "part.y", filtered, "SciPy's lfilter", 1e-12),
     Case("discrete_state_space", "outputs[1]", lambda t: 3*(0.1*sample_number(t, 0.1))**2/2, "a parabola at the samples"),
-    Case("predictive_controller", "control.y", lambda t: -np.minimum(0.1*sample_number(t, 0.1), 0.5),
+    Case("predictive_controller", "control.y[1]", lambda t: -np.minimum(0.1*sample_number(t, 0.1), 0.5),
          "the least rate until the least command", 1e-9),
     Case("scheduled_pid", "control.y", lambda t: 1 + 2*np.clip((10*t - 2)/4, 0, 1) + 2*t,
          "a gain that rises from 1 to 3 V/m between 2 and 6 bar, and the integral of 2 V/(m s); 1e-6 for the integration"),

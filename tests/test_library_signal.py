@@ -592,8 +592,8 @@ def test_the_command_of_a_predictive_controller_is_the_nearest_one_within_its_li
     found = run("""\
 model: one
 components:
-  part: {is: PredictiveController, n: 1, r: 1, N: 1, C: [[0]], L: [[1]], F: [[-2], [-2]], W: [[1], [1]], y_min: -1.5,
-         y_max: 1, rate: 5 1/s, T_s: 100 ms, u: ["=if_else(time < 0.65 s, 1, -0.1)"]}
+  part: {is: PredictiveController, n: 1, N: 1, C: [[0]], L: [[1]], F: [[-2], [-2], [0]], W: [[1], [1], [0]], y_min: [-1.5],
+         y_max: [1], rate: [5 1/s], T_s: 100 ms, u: ["=if_else(time < 0.65 s, 1, -0.1)"]}
 simulate: {until: 1.2 s, every: 50 ms}
 """)
     command, x, expected = 0.0, 0.0, []
@@ -602,4 +602,4 @@ simulate: {until: 1.2 s, every: 50 ms}
         x = 1.0 if k <= 6 else -0.1
         expected.append(command)
     # the interior-point method ends at 1e-8 of the limits
-    agree(np.interp(0.05 + 0.1*np.arange(12), found.time, found["part.y"]), expected, size=1, rtol=1e-6)
+    agree(np.interp(0.05 + 0.1*np.arange(12), found.time, found["part.y[1]"]), expected, size=1, rtol=1e-6)

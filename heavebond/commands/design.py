@@ -30,6 +30,12 @@ if TYPE_CHECKING:
     from heavebond.reports.result_tables import Item
     from heavebond.text.yaml_edits import Tree
 
+# the tasks on which an option has an effect, by the names of the options in Python
+_TASKS = {**dict.fromkeys(("crossover", "bandwidth", "phase_margin"), ("free", "lead")),
+          **dict.fromkeys(("kind", "order", "cut_off", "band", "ripple", "attenuation"), ("filter",)),
+          **dict.fromkeys(("weigh", "effort", "disturbances", "noise"), ("lqg", "mpc")), "horizon": ("mpc",),
+          **dict.fromkeys(("overs", "at"), ("free", "lead", "notch", "lqg", "mpc"))}
+
 
 @click.command(short_help="Design gains, notches, filters, observer and predictive controllers.")
 @click.argument("model", metavar="DIAGRAM")
@@ -59,9 +65,10 @@ if TYPE_CHECKING:
 @click.option("--lqg", metavar="BLOCK",
               help="Matrices of a LinearSystem or DiscreteStateSpace: regulator with Kalman filter.")
 @click.option("--mpc", metavar="BLOCK",
-              help="Matrices of a PredictiveController: the same regulator with limits of its output and of its rate.")
+              help="Matrices of a PredictiveController: the same regulator with limits of commands, their rates, and "
+              "measured values.")
 @click.option("--horizon", type=Whole(1), default=10, show_default=True,
-              help="With --mpc: number of samples over which the limits are kept.")
+              help="With --mpc: number of samples over which the limits are kept; 30 commands at most.")
 @click.option("--weigh", metavar="FORMULA=SIZE", multiple=True,
               help="With --lqg and --mpc: a signal and the deviation that counts as 1: crown.x='10 mm'. May be repeated.")
 @click.option("--effort", metavar="NUMBERS", default="1", show_default=True,
@@ -117,6 +124,9 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     if schedule is not None and (lead or notch):
         raise UsageError([Problem("design-task", "--schedule cannot be combined with --lead or --notch", None,
                                   "Give the gains of the table, for example --free control.K_p,control.K_i.")])
+    _check_options("free" if schedule is not None else next(
+        task for task, block in (("lead", lead), ("notch", notch), ("filter", filtered), ("lqg", lqg), ("mpc", mpc),
+                                 ("free", loop)) if block is not None))
     if written is not None:
         check_new(written, (".yaml",))
     if in_place and not Path(model).is_file():
@@ -137,13 +147,14 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
         else:
-            items, texts, figures = _observer(diagram, lqg, mpc, weigh, effort, disturbances, noise, horizon, at)
+            items, texts, figures = _observer(diagram, lqg, mpc, weigh, effort, disturbances, noise, horizon, at, overs)
     terminal.show(items)
     if figures.get("verdict") == UNSTABLE:
-        problem = ModelError([Problem("design-unstable", "the closed loop with the designed gains is unstable; nothing is "
-                                      "written", None, "Lower the crossover, or give a larger phase margin. If the machine "
-                                      "reverses the sign of the command, reverse it in the diagram: the gains of a design "
-                                      "are positive.")])
+        problem = ModelError([Problem(
+            "design-unstable", "the closed loop with the designed values is unstable; nothing is written", None,
+            "Lower the crossover, or give a larger phase margin. If the machine reverses the sign of the command, reverse "
+            "it in the diagram: the gains of a design are positive." if loop is not None else
+            "Sample faster, or give larger sizes under --weigh and --noise.")])
         problem.figures = {"model": diagram.name, **figures, "values": texts, "files": []}
         raise problem
     files = _written(diagram, Path(model), texts, settings_of("--set", settings), written, in_place)
@@ -152,16 +163,38 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     return {"model": diagram.name, **figures, "values": texts, "files": list(map(str, files))}
 
 
+def _check_options(task: str) -> None:
+    """UsageError for an option of the command line that has no effect on the task."""
+    context = click.get_current_context()
+    for option in context.command.params:
+        tasks = _TASKS.get(option.name or "", (task,))
+        if task not in tasks and context.get_parameter_source(option.name or "") is click.core.ParameterSource.COMMANDLINE:
+            raise UsageError([Problem("design-task", f"{option.opts[-1]} has no effect on a design by --{task}", None,
+                                      f"Leave it out, or design by one of {listing([f'--{name}' for name in tasks])}.")])
+
+
+def _points(overs: Sequence[str]) -> dict[str, dict[str, str | float]]:
+    """The operating points of --over by name."""
+    from heavebond.studies.sweep import read_over
+
+    return {f"{axis.path} = {value}": {axis.path: value} for axis in map(read_over, overs) for value in axis.values}
+
+
+def _margins(points: Mapping[str, Crossings]) -> dict[str, object]:
+    """The verdicts and margins at operating points, for JSON."""
+    return {name: {"verdict": found.verdict, **{
+        kind: None if margin is None else [margin.value, margin.frequency] for kind, margin in (
+            ("gain_up", found.gain_up), ("gain_down", found.gain_down), ("phase", found.least_phase),
+            ("delay", found.least_delay))}} for name, found in points.items()}
+
+
 def _loop(diagram: Model, loop: str, free: Sequence[str], lead: str | None, notch: str | None, crossover: str | None,
           bandwidth: str | None, phase_margin: str | None, at: str | None, overs: Sequence[str]
           ) -> tuple[list[Item], Mapping[str, float], dict[str, object]]:
     from heavebond.linear.design import design_gains, design_lead, design_notch
     from heavebond.reports.analysis_tables import design_items
-    from heavebond.studies.sweep import read_over
 
-    points: dict[str, dict[str, str | float]] = {}
-    for axis in map(read_over, overs):
-        points |= {f"{axis.path} = {value}": {axis.path: value} for value in axis.values}
+    points = _points(overs)
     if lead is not None:
         if phase_margin is None:
             raise UsageError([Problem("design-margin", "a lead or lag needs a phase margin", None,
@@ -173,18 +206,10 @@ def _loop(diagram: Model, loop: str, free: Sequence[str], lead: str | None, notc
     else:
         result = design_gains(diagram, loop, free, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin,
                               at=at, points=points)
-
-    def margins_of(crossings: Crossings) -> dict[str, object]:
-        margins = {"gain_up": crossings.gain_up, "gain_down": crossings.gain_down, "phase": crossings.least_phase,
-                   "delay": crossings.least_delay}
-        return {"verdict": crossings.verdict, **{name: None if margin is None else [margin.value, margin.frequency]
-                                             for name, margin in margins.items()}}
-
     return design_items(diagram, result), result.values, {
         "verdict": result.crossings.verdict,
         "crossover": result.crossover, "bandwidth": result.bandwidth, "phase_margin": result.phase_margin,
-        "margins": {"design": margins_of(result.crossings),
-                    **{name: margins_of(crossings) for name, crossings in result.points.items()}}}
+        "margins": _margins({"design": result.crossings, **result.points})}
 
 
 def _schedule(diagram: Model, loop: str, block: str, free: Sequence[str], crossover: str | None, bandwidth: str | None,
@@ -242,12 +267,14 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
 
 
 def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[str], effort: str,
-              disturbances: Sequence[str], noise: str, horizon: int, at: str | None
+              disturbances: Sequence[str], noise: str, horizon: int, at: str | None, overs: Sequence[str]
               ) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
     """The tables, the values and the figures of an LQG controller, or of a predictive controller."""
+    from heavebond.core.presentation import count
     from heavebond.core.quantities import si_value
     from heavebond.linear.design import design_lqg, design_mpc
-    from heavebond.reports.result_tables import Line, ResultTable
+    from heavebond.linear.stability import UNSTABLE
+    from heavebond.reports.analysis_tables import observer_items
 
     def numbers(option: str, texts: Sequence[str]) -> list[float]:
         return [si_value(text, "1", option) for text in texts]
@@ -258,26 +285,25 @@ def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[
         raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
                                   "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
     sizes = deviations, numbers("--effort", list_items(effort)), densities, numbers("--noise", list_items(noise))
-    block, title = lqg or mpc or "", "observer controller"
+    block, title, points = lqg or mpc or "", "observer controller", _points(overs)
     if mpc is not None:
-        design = design_mpc(diagram, block, *sizes, horizon=horizon, at=at)
-        result, title = design.controller, f"predictive controller of {horizon} commands"
-        matrices = {"A": design.a, "B": design.b.T, "C": design.c, "L": design.observer, "F": design.plan,
-                    "W": design.response}
+        design = design_mpc(diagram, block, *sizes, horizon=horizon, at=at, points=points)
+        result, title = design.controller, f"predictive controller with a horizon of {count(horizon, 'sample')}"
+        matrices = {"A": design.a, "B": design.b, "C": design.c, "L": design.observer, "F": design.plan,
+                    "W": design.response, "S": design.soft}
         counts = {"n": len(design.a), "N": horizon}
     else:
-        result = design_lqg(diagram, block, *sizes, at=at)
+        result = design_lqg(diagram, block, *sizes, at=at, points=points)
         matrices, counts = {"A": result.a, "B": result.b, "C": result.c}, {"n": len(result.a)}
-    rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
     texts: dict[str, Tree] = {f"{block}.{name}": str(number) for name, number in counts.items()}
     for name, matrix in matrices.items():
         per = " 1/s" if result.period is None and name != "C" else ""
-        lines: list[Tree] = [[f"{value!r}{per}" for value in row] for row in matrix.tolist()]
-        texts[f"{block}.{name}"] = lines[0] if mpc is not None and name == "B" else lines
-    return [ResultTable(f"{block}: {title} with {len(result.a)} states", ("poles of the regulator", "poles of the observer"),
-                        rows),
-            Line("in z, sampled every " + f"{result.period:g} s" if result.period is not None else "in 1/s")], \
-        texts, {**{name.lower(): matrix.tolist() for name, matrix in matrices.items()}, "states": list(result.states)}
+        rows: list[Tree] = [[f"{value!r}{per}" for value in row] for row in matrix.reshape(-1, matrix.shape[-1]).tolist()]
+        texts[f"{block}.{name}"] = rows if matrix.ndim == 2 else rows[0]
+    at_design = {found.verdict for name, found in result.points.items() if name.partition(",")[0] == "design"}
+    return observer_items(f"{block}: {title}", result), texts, {
+        "verdict": UNSTABLE if UNSTABLE in at_design else next(iter(at_design)), "margins": _margins(result.points),
+        **{name.lower(): matrix.tolist() for name, matrix in matrices.items()}, "states": list(result.states)}
 
 
 def _written(diagram: Model, path: Path, texts: Mapping[str, Tree], settings: Mapping[str, str], written: Path | None,

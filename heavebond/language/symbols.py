@@ -37,8 +37,9 @@ from heavebond.text.shapes import declared
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
 # relative to the largest element of a matrix: rounding error of a computed symmetric or singular matrix
 MATRIX_ROUNDING, TINY = 1e-9, 1e-300
-# steps of least_distance, each of which reduces the complementarity to a tenth at best; the least complementarity, relative
-DISTANCE_STEPS, DISTANCE_LEAST = 30, 1e-13
+# steps of least_distance; relative to the norm of the violations: the slack at the start, the least complementarity, and the
+# least softness, squared, which bounds the condition number of its linear systems
+DISTANCE_STEPS, DISTANCE_SLACK, DISTANCE_LEAST, DISTANCE_SOFT = 30, 1e-2, 1e-13, 1e-14
 # operations of CasADi with a jump or kink whose second derivative is zero elsewhere
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
@@ -262,62 +263,84 @@ def _matrix_property(name: str, argument: ca.SX, expr: Call) -> ca.SX:
     return truth
 
 
-def _least_distance(matrix: ca.SX, c: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
-    """The shortest v (n,) with low <= c + W v <= high, for W (p, n) and lists (p,); 0 if v = 0 satisfies the limits.
+def _least_distance(matrix: ca.SX, c: ca.SX, low: ca.SX, high: ca.SX, soft: ca.SX) -> ca.SX:
+    """The v (n,) of least |v|^2 + |e|^2 with low <= c + W v + S e <= high, for W (p, n), lists (p,) and the diagonal matrix
+    S of `soft` (p,), 0 for a limit that holds exactly; v = 0 if it satisfies the limits.
 
-    The arguments are numbers or formulas of any names. A primal-dual interior-point method with DISTANCE_STEPS steps, called
-    as one operation. S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997, chapter 5; C. L. Lawson, R. J. Hanson,
-    Solving Least Squares Problems, Prentice-Hall 1974, chapter 23 (least distance programming).
+    The arguments are numbers or formulas of any names. A primal-dual interior-point method with DISTANCE_STEPS steps of a
+    predictor and a corrector, called as one operation, with rows of length 1. S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601;
+    S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997, chapter 10; C. L. Lawson, R. J. Hanson, Solving Least
+    Squares Problems, Prentice-Hall 1974, chapter 23 (least distance programming).
     """
     p, n = matrix.shape
+    rows, room, softness = ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p), ca.SX.sym("S", p)
+    squares = ca.sum2(rows**2) + softness**2
+    length = ca.sqrt(ca.if_else(squares > 0, squares, 1))
     # relative to the norm of the violations of the limits
-    rows, room = ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p)
-    outside = ca.sum1(ca.fmax(-room, 0) ** 2)
+    scaled = room / ca.vertcat(length, length)
+    outside = ca.sum1(ca.fmax(-scaled, 0) ** 2)
     size = ca.sqrt(ca.if_else(outside > 0, outside, 1))
-    slack = ca.fmax(room / size, 1)
+    slack = ca.fmax(scaled / size, DISTANCE_SLACK)
     point = [ca.SX.zeros(n), slack, 1 / slack]
     step = _distance_step(p, n)
+    soft_squares = ca.fmax((softness / length) ** 2, DISTANCE_SOFT)
     for _ in range(DISTANCE_STEPS):
-        point = step.call([rows, room / size, *point], False, True)
+        point = step.call([rows / ca.repmat(length, 1, n), scaled / size, soft_squares, *point], False, True)
     correction = ca.if_else(outside > 0, size * point[0], ca.SX.zeros(n))
-    solver = ca.Function(f"hb_least_distance_{p}_{n}", [rows, room], [correction])
-    return called_as_operation(solver, [matrix, ca.vertcat(high - c, c - low)])
+    solver = ca.Function(f"hb_least_distance_{p}_{n}", [rows, room, softness], [correction])
+    return called_as_operation(solver, [matrix, ca.vertcat(high - c, c - low), soft])
 
 
 def _distance_step(p: int, n: int) -> ca.Function:
-    """A step of `_least_distance` from v (n,), slacks and multipliers (2 p,) of the limits W v + slack = room (2 p,), where
-    the lower half is for -W v. The target is a tenth of the complementarity. The length of the step is limited by a norm of
+    """A step of `_least_distance` from v (n,), slacks and multipliers (2 p,) of the limits W v + slack = room + S^2
+    multiplier (2 p,), where the lower half is for -W v and e = -S times the multiplier. The predictor has the target 0 for
+    the complementarity; its success determines the target of the corrector. The length of a step is limited by a norm of
     high order of the relative decreases of slacks and multipliers, which approximates the largest decrease smoothly."""
-    matrix, room, v, slack, multiplier = symbols = [
-        ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p), ca.SX.sym("v", n), ca.SX.sym("s", 2 * p), ca.SX.sym("l", 2 * p)]
+    matrix, room, squares, v, slack, multiplier = symbols = [
+        ca.SX.sym("W", p, n), ca.SX.sym("room", 2 * p), ca.SX.sym("S2", p), ca.SX.sym("v", n), ca.SX.sym("s", 2 * p),
+        ca.SX.sym("l", 2 * p)]
+    soft = ca.vertcat(squares, squares)
 
-    def difference(sides: ca.SX) -> ca.SX:
-        return ca.mtimes(matrix.T, sides[:p] - sides[p:])
+    def both(upper: ca.SX) -> ca.SX:
+        return ca.vertcat(upper, -upper)
 
-    centre = ca.fmax(0.1 * ca.dot(multiplier, slack) / (2 * p), DISTANCE_LEAST)
-    moved = ca.mtimes(matrix, v)
-    residual = ca.vertcat(moved, -moved) + slack - room
-    ratio = multiplier / slack
-    # the upper triangle of the positive definite system (I + W' D W) change = right, by elimination without pivots
-    weighed = ca.repmat(ratio[:p] + ratio[p:], 1, n) * matrix
-    right = -v - difference(centre / slack + ratio * residual)
-    rows = [ca.horzcat(ca.mtimes(weighed[:, i].T, matrix[:, i:]), right[i]) for i in range(n)]
+    residual = both(ca.mtimes(matrix, v)) + slack - room - soft * multiplier
+    weight = multiplier / (slack + soft * multiplier)
+    # the upper triangle of the positive definite matrix I + W' D W, by elimination without pivots
+    weighed = ca.repmat(weight[:p] + weight[p:], 1, n) * matrix
+    rows = [ca.mtimes(weighed[:, i].T, matrix[:, i:]) for i in range(n)]
     for k in range(n):
         rows[k][0] += 1
     for k in range(n):
         for i in range(k + 1, n):
             rows[i] -= rows[k][i - k] / rows[k][0] * rows[k][i - k:]
-    change = ca.SX.zeros(n)
-    for k in reversed(range(n)):
-        known = ca.dot(rows[k][1:-1], change[k + 1:, 0].T) if k + 1 < n else 0
-        change[k] = (rows[k][-1] - known) / rows[k][0]
-    moved = ca.mtimes(matrix, change)
-    changes = [change, -residual - ca.vertcat(moved, -moved), ca.SX(0)]
-    changes[2] = centre / slack - multiplier - ratio * changes[1]
-    decreases = ca.vertcat(-changes[1] / slack, -changes[2] / multiplier)
-    length = (1 + ca.sum1((ca.fmax(decreases, 0) / 0.98) ** 16)) ** (-1 / 16)
+
+    def changes(target: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The changes of v, slacks and multipliers that a Newton step gives for a target of slack times multiplier."""
+        pulled = weight * (residual + target / multiplier - slack)
+        sides = multiplier + pulled
+        right = -v - ca.mtimes(matrix.T, sides[:p] - sides[p:])
+        for k in range(n - 1):
+            right[k + 1:] -= right[k] / rows[k][0] * rows[k][1:].T
+        change = ca.SX.zeros(n)
+        for k in reversed(range(n)):
+            known = ca.dot(rows[k][1:], change[k + 1:, 0].T) if k + 1 < n else 0
+            change[k] = (right[k] - known) / rows[k][0]
+        moved = both(ca.mtimes(matrix, change))
+        of_multiplier = pulled + weight * moved
+        return change, soft * of_multiplier - residual - moved, of_multiplier
+
+    def length(of_slack: ca.SX, of_multiplier: ca.SX) -> ca.SX:
+        decreases = ca.vertcat(-of_slack / slack, -of_multiplier / multiplier)
+        return (1 + ca.sum1((ca.fmax(decreases, 0) / 0.98) ** 16)) ** (-1 / 16)
+
+    _, of_slack, of_multiplier = changes(ca.SX.zeros(2 * p))
+    share, centre = length(of_slack, of_multiplier), ca.dot(multiplier, slack) / (2 * p)
+    left = ca.dot(slack + share * of_slack, multiplier + share * of_multiplier) / (2 * p) / centre
+    corrected = changes(ca.fmax(left**3 * centre, DISTANCE_LEAST) - of_slack * of_multiplier)
+    share = length(*corrected[1:])
     return ca.Function(f"hb_distance_step_{p}_{n}", symbols, [
-        value + length * each for value, each in zip((v, slack, multiplier), changes, strict=True)])
+        value + share * each for value, each in zip((v, slack, multiplier), corrected, strict=True)])
 
 
 def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:

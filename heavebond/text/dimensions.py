@@ -156,7 +156,8 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
         return ANY if first is ANY or second is ANY else times(first, second)
     if name == "least_distance":
         limited = number_dimension(args[1], lookup)
-        for arg in args[2:]:
+        _same((args[0], first), (args[4], number_dimension(args[4], lookup)), name, expr.column)
+        for arg in args[2:4]:
             limited = _same((args[1], limited), (arg, number_dimension(arg, lookup)), name, expr.column)
         return ANY if first is ANY or limited is ANY else times(limited, first, -1)
     common: Dimension | None = first

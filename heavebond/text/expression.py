@@ -57,14 +57,14 @@ FUNCTIONS = {
     "der": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "asin": 1, "acos": 1, "atan": 1,
     "atan2": 2, "abs": 1, "sign": 1, "floor": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3,
     "uniform": 2, "sum": 1, "dot": 2, "cross": 2, "transpose": 1, "symmetric": 1, "definite": 1, "semidefinite": 1,
-    "least_distance": 4,
+    "least_distance": 5,
 }
 # functions of several values, and those of one signal over a run
 OVER_TIME = {"max": "highest", "min": "lowest"}
 # usage of functions in messages
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "atan2": "atan2(y, x)", "smooth_sign": "smooth_sign(v, v_t)",
          "uniform": "uniform(seed, i)", "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)",
-         "dot": "dot(a, b)", "cross": "cross(a, b)", "least_distance": "least_distance(W, c, low, high)"}
+         "dot": "dot(a, b)", "cross": "cross(a, b)", "least_distance": "least_distance(W, c, low, high, soft)"}
 # replacements for functions of other programs
 INSTEAD = {**dict.fromkeys(("if", "iif", "ifelse", "where", "ternary"), f"Write `{USAGE['if_else']}`."),
            "ln": "Write `log(a)`, the natural logarithm.", "log10": "Write `log(a)/log(10)`.", "pow": "Write `a**b`.",

@@ -9,6 +9,7 @@ vectors: write `dot`, `cross`, or an equation for each element with `each`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import reduce
 from math import isfinite
 
 from heavebond.text.expression import (
@@ -209,6 +210,8 @@ class Lengths:
             if _zero(expr.args[1]) or _zero(expr.args[2]):
                 return lengths[1] if lengths[1] is not None else lengths[2]
             return self._same(lengths[1], lengths[2], "if_else joins", expr.column)
+        if name in ("min", "max"):
+            return reduce(lambda left, right: self._same(left, right, f"{name} joins", expr.column), lengths)
         for arg in expr.args:
             self.number(arg, f"the argument of {name}")
         return None
