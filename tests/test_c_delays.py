@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import fmpy
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from test_c_events import Program
-from test_co_simulation_fmu import opened
+from test_co_simulation_fmu import get, opened
 from test_export import compiled
 
 import heavebond as hb
@@ -75,6 +76,39 @@ def test_a_co_simulation_fmu_keeps_the_history_of_delays(version: int, tmp_path:
     found = fmpy.simulate_fmu(str(tmp_path / "m.fmu"), stop_time=1.5, output_interval=0.05)
     run = hb.simulate(model, rtol=1e-9, atol=1e-11, every="50 ms")
     compare(np.array([[row[name] for name in model.show] for row in found]), run, list(model.show))
+
+
+UNIX = 1_400_000_000  # s
+
+
+def late(text: str) -> str:
+    """The same diagram with a begin at the time of a UNIX clock."""
+    text = re.sub(r"(t_[se]|until): ([\d.]+) s", lambda found: f"{found[1]}: {UNIX + float(found[2])!r} s", text)
+    return text.replace("{until:", f"{{from: {UNIX} s, until:")
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_late_begin_does_not_change_delays_in_a_c_program(name: str, tmp_path: Path) -> None:
+    """A loop with delays, inputs of time, samples and a relay, after a begin at the time of a UNIX clock and at 0."""
+    found = []
+    for begin, text in ((0, CASES[name]), (UNIX, late(CASES[name]))):
+        program = Program(hb.loads(text.replace("model: ", f"model: from_{begin}_")), tmp_path)
+        program.begin(begin)
+        found.append([program.advance(begin + t) for t in np.arange(0.013, 0.39, 0.013)])
+    # an instant is rounded to 1.2e-7 s; the fastest output changes by 60 1/s
+    assert np.abs(np.subtract(*found)).max() < 2e-5
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_late_begin_does_not_change_delays_in_a_co_simulation_fmu(version: int, tmp_path: Path) -> None:
+    found = []
+    for begin, text in ((0, CASES["step"]), (UNIX, late(CASES["step"]))):
+        export_fmu(hb.loads(text), tmp_path / f"{begin}.fmu", version=version)
+        with opened(tmp_path / f"{begin}.fmu", version, begin) as (instance, references):
+            for k in range(30):
+                instance.doStep(currentCommunicationPoint=begin + 0.05 * k, communicationStepSize=0.05)
+                found.append([get(instance, references[name]) for name in ("plant", "d", "e", "filter")])
+    assert np.abs(np.subtract(found[:30], found[30:])).max() < 2e-5
 
 
 def test_water_hammer_in_a_c_program(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ simulate: {until: 2 s, every: 10 ms}
 
 
 @contextmanager
-def opened(path: Path, version: int, **kind: bool) -> Iterator[tuple[Any, dict[str, int]]]:
+def opened(path: Path, version: int, begin: float = 0.0, **kind: bool) -> Iterator[tuple[Any, dict[str, int]]]:
     """An instance after its initialisation, and the value references by name; `kind` is how FMI 3.0 instantiates it."""
     from fmpy.fmi2 import FMU2Slave
     from fmpy.fmi3 import FMU3Slave
@@ -48,8 +48,10 @@ def opened(path: Path, version: int, **kind: bool) -> Iterator[tuple[Any, dict[s
         modelIdentifier=told.coSimulation.modelIdentifier)
     made.instantiate(**kind)
     if version == 2:
-        made.setupExperiment(startTime=0.0)
-    made.enterInitializationMode()
+        made.setupExperiment(startTime=begin)
+        made.enterInitializationMode()
+    else:
+        made.enterInitializationMode(startTime=begin)
     made.exitInitializationMode()
     try:
         yield made, {v.name: v.valueReference for v in told.modelVariables}

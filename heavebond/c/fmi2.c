@@ -83,8 +83,7 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_to
   Values *now = &((Model *)instance)->now;
   if (has_stop && stop > start) now->events.span = stop - start;
   if (has_tolerance && tolerance > 0) now->tolerance = tolerance;
-  now->t = start;
-  now->fresh = false;
+  begin_at(now, start);
   return fmi2OK;
 }
 
@@ -121,9 +120,8 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component instance, double point, double step, 
   bool event;
   (void)no_return;
   if (!(step >= 0)) return fail(model, fmi2Error, "a step is not negative");
-  if (point != model->now.t) model->now.fresh = false;
-  model->now.t = point;
-  return judge(model, do_step(&model->now, point + step, false, &event));
+  begin_step(&model->now, point);
+  return judge(model, do_step(&model->now, point + step - model->now.origin, false, &event));
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component instance) { return fail(instance, fmi2Error, "no step is pending"); }
@@ -137,8 +135,7 @@ EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component instance, const Ref
 /* -- model exchange --------------------------------------------------------------------------------------------------- */
 EXPORT fmi2Status fmi2SetTime(fmi2Component instance, double time) {
   Values *now = &((Model *)instance)->now;
-  now->fresh = now->fresh && time == now->t;
-  now->t = time;
+  set_time(now, time);
   return fmi2OK;
 }
 
@@ -193,7 +190,7 @@ EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component instance, EventInfo *info)
   status = judge(instance, update(now, &states_changed));
   if (status != fmi2OK) return status;
   info->states_changed = states_changed;
-  info->next = model_n_e ? next_instant(now) : INFINITY;
+  info->next = model_n_e ? now->origin + next_instant(now) : INFINITY;
   if (!(info->next_known = info->next < INFINITY)) info->next = 0;
   return status;
 }
@@ -261,7 +258,7 @@ REFUSED(fmi2GetRealOutputDerivatives)
 
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component instance, int kind, double *value) {
   if (kind != 2) return fmi2Discard;
-  *value = ((Model *)instance)->now.t; /* the last successful time */
+  *value = absolute_time(&((Model *)instance)->now); /* the last successful time */
   return fmi2OK;
 }
 

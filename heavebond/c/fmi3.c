@@ -79,8 +79,7 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, bool has_to
   Values *now = &((Model *)instance)->now;
   if (has_stop && stop > start) now->events.span = stop - start;
   if (has_tolerance && tolerance > 0) now->tolerance = tolerance;
-  now->t = start;
-  now->fresh = false;
+  begin_at(now, start);
   return fmi3OK;
 }
 
@@ -122,8 +121,7 @@ EXPORT fmi3Status fmi3SetFloat64(fmi3Instance instance, const Reference referenc
 /* -- states ------------------------------------------------------------------------------------------------------- */
 EXPORT fmi3Status fmi3SetTime(fmi3Instance instance, double time) {
   Values *now = &((Model *)instance)->now;
-  now->fresh = now->fresh && time == now->t;
-  now->t = time;
+  set_time(now, time);
   return fmi3OK;
 }
 
@@ -184,15 +182,15 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, double point, double step, b
                              bool *early, double *reached) {
   Model *model = instance;
   fmi3Status status;
+  double end = point + step - model->now.origin;
   (void)no_return;
   *event = *terminate = *early = false;
-  *reached = model->now.t;
+  *reached = absolute_time(&model->now);
   if (!(step >= 0)) return fail(model, fmi3Error, "a step is not negative");
-  if (point != model->now.t) model->now.fresh = false;
-  model->now.t = point;
-  status = judge(model, do_step(&model->now, point + step, model->early_return, event));
-  *reached = model->now.t;
-  *early = *event && *reached < point + step;
+  begin_step(&model->now, point);
+  status = judge(model, do_step(&model->now, end, model->early_return, event));
+  *early = *event && model->now.t < end;
+  *reached = model->now.t < end ? absolute_time(&model->now) : point + step;
   return status;
 }
 
@@ -205,7 +203,7 @@ EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, bool *again, b
   *next = 0;
   status = judge(instance, update(now, states_changed));
   if (status != fmi3OK || !model_n_e) return status;
-  *next = next_instant(now);
+  *next = now->origin + next_instant(now);
   if (!(*next_known = *next < INFINITY)) *next = 0;
   return status;
 }

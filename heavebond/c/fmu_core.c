@@ -37,6 +37,18 @@ static bool can_be_given_up(const char *wrong) {
   return wrong == NO_SOLUTION || wrong == NOT_FINITE || wrong == NO_DERIVATIVE || wrong == NO_STEP;
 }
 
+static double absolute_time(const Values *now) { return now->origin + now->t; }
+
+static void set_time(Values *now, double t) {
+  now->fresh = now->fresh && t - now->origin == now->t;
+  now->t = t - now->origin;
+}
+
+/* The begin of a step of co-simulation is the end of the last one, which the importing program may round otherwise. */
+static void begin_step(Values *now, double t) {
+  if (fabs(t - now->origin - now->t) > same_instant(now)) set_time(now, t);
+}
+
 static const char *get_values(Values *now, const Reference references[], size_t n, double values[]) {
   size_t k;
   for (k = 0; k < n; ++k) {
@@ -53,7 +65,7 @@ static const char *get_values(Values *now, const Reference references[], size_t 
       const char *wrong = evaluate(now);
       if (wrong) return wrong;
     }
-    values[k] = i == TIME ? now->t : i < RATES ? now->x[i - STATES] : i < PARAMETERS ? now->dx[i - RATES]
+    values[k] = i == TIME ? absolute_time(now) : i < RATES ? now->x[i - STATES] : i < PARAMETERS ? now->dx[i - RATES]
               : i < INPUTS ? now->p[i - PARAMETERS] : i < OUTPUTS ? now->u[i - INPUTS] : now->y[i - OUTPUTS];
   }
   return NULL;

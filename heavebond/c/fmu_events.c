@@ -31,16 +31,16 @@ static const char *schedule(Values *now) {
   if (model_instants(arg, res, 0, 0, 0)) return NO_SOLUTION;
   for (i = 0; i < model_n_e; ++i) {
     bool before = events->last[i] > -INFINITY;
-    double k, from = before ? events->last[i] + 2 * same : now->t - same;
+    double k, from = now->origin + (before ? events->last[i] + 2 * same : now->t - same);
     events->next[i] = INFINITY;
     if (!model_timed[i]) continue;
     if (!model_repeated[i]) {
-      if (!before) events->next[i] = fmax(first[i], now->t);
+      if (!before) events->next[i] = fmax(first[i] - now->origin, now->t);
       continue;
     }
     if (!(period[i] > 0)) return NO_PERIOD;
-    k = fmax(0, ceil((fmax(from, now->t - same) - first[i]) / period[i]));
-    events->next[i] = first[i] + k * period[i];
+    k = fmax(0, ceil((fmax(from, now->origin + now->t - same) - first[i]) / period[i]));
+    events->next[i] = first[i] + k * period[i] - now->origin;
   }
   events->timed = true;
   return NULL;
@@ -55,16 +55,16 @@ static double next_instant(const Values *now) {
 
 /* -- new values -------------------------------------------------------------------------------------------------------- */
 static const char *followed(Values *now, double values[]) {
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {0, values, 0};
+  double t = clock_at(now, now->t), *res[] = {0, values, 0};
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u};
   const char *wrong = evaluate(now);
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
 
 /* All marked events set their new values; *sets is true if an event sets a state. */
 static const char *fire(Values *now, const bool marked[], bool *sets) {
-  double values[model_n_r + 1] = {0}, fired[model_n_e + 1];
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, fired};
+  double values[model_n_r + 1] = {0}, fired[model_n_e + 1], t = clock_at(now, now->t);
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u, fired};
   double *res[] = {values};
   const char *wrong = evaluate(now);
   int i, row;
@@ -85,8 +85,8 @@ static const char *give_way(const Values *now, const bool tried[], bool loose, d
   int half, k;
   for (half = 0; half < 2; ++half) {
     Values trial = *now;
-    double rates[model_n_b + 1];
-    const double *arg[] = {&trial.t, trial.x, trial.z, trial.p, trial.u};
+    double rates[model_n_b + 1], t = clock_at(now, now->t);
+    const double *arg[] = {&t, trial.x, trial.z, trial.p, trial.u};
     double *res[] = {0, 0, rates};
     const char *wrong;
     for (k = 0; k < model_n_b && loose; ++k) trial.p[model_break_limit[k]] = REDUCED;

@@ -16,7 +16,8 @@ typedef struct {
 } Conditions;
 
 static int start_conditions(const Values *now, const Conditions *at) {
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
+  double t = clock_at(now, now->t);
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u};
   double *res[] = {at->s, at->by_s, at->a, at->by_a, at->guess};
   return model_starting(arg, res, 0, 0, 0);
 }

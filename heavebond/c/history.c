@@ -116,10 +116,10 @@ static double interpolated(const History *h, int delay, int first, int last, dou
   return found;
 }
 
-/* The error of a source that counts. */
-static double allowed(const Values *now, int delay) {
-  double largest = now->history.largest[delay];
-  return now->tolerance * (model_d_nominal[delay] + largest) + 1e-12 * largest;
+/* The admissible error of a source, in a delay of length T. Far from 0 the functions of time in it are rounded. */
+static double allowed(const Values *now, int delay, double T) {
+  double largest = now->history.largest[delay], rounding = ROUNDINGS * spacing(now->origin + now->t);
+  return fmax(now->tolerance, rounding / T) * (model_d_nominal[delay] + largest) + 1e-12 * largest;
 }
 
 /* The piece of a delayed variable from a to b as rows (v, t_0, r, c_0 ... c_7) of u, and its error over that allowed. *apart is
@@ -147,7 +147,7 @@ static double piece(const Values *now, int delay, double T, double a, double b, 
   }
   if (!model_solve(TERMS, matrix, row + 3)) return INFINITY;
   row[0] = 1, row[1] = middle, row[2] = 1 / half;
-  scale = PIECE_ERROR * allowed(now, delay);
+  scale = PIECE_ERROR * allowed(now, delay, T);
   for (i = 0; i <= TERMS; ++i) {
     double s = cos(PI * i / TERMS), value = 0;
     for (j = TERMS - 1; j >= 0; --j) value = value * s + row[3 + j];
@@ -194,7 +194,7 @@ static const char *next_return(const Values *now, double *instant) {
 /* Discontinuities that return now: the pieces of the delayed variables change, and a source may then have a discontinuity. */
 static const char *returned(Values *now, bool *any) {
   History *h = &now->history;
-  double T[model_n_d + 1], shortest, longest, before[model_n_d + 1], end, same = same_instant(now);
+  double T[model_n_d + 1], shortest, longest, before[model_n_d + 1], end, same = same_time(now);
   const char *wrong = delays(now, T, &shortest, &longest);
   int k, level = LEVELS + 1;
   *any = false;
@@ -246,7 +246,9 @@ static const char *remember_step(const Values *now, const double *y, const Linea
   last = h->number - 1, out = last - (inner + 1) / 2;
   for (first = last; first > 0 && first > last - 2 * STENCIL && h->stretch[(first - 1) % NODES] == h->stretches;) --first;
   if (last - first < FIRST_INNER) return NULL;
-  for (k = 0; k < model_n_d; ++k)
-    *error = fmax(*error, fabs(interpolated(h, k, first, last, node_time(h, out), out) - h->w[out % NODES][k]) / allowed(next, k));
+  for (k = 0; k < model_n_d; ++k) {
+    double difference = interpolated(h, k, first, last, node_time(h, out), out) - h->w[out % NODES][k];
+    *error = fmax(*error, fabs(difference) / allowed(next, k, T[k]));
+  }
   return NULL;
 }

@@ -61,8 +61,8 @@ struct model_run {
 
 /* -- delayed variables ------------------------------------------------------------------------------------------------- */
 static const char *sources(const Values *now, double *w, double *T) {
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {w, T};
+  double t = clock_at(now, now->t), *res[] = {w, T};
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u};
   int k;
   if (model_histories(arg, res, 0, 0, 0)) return NO_SOLUTION;
   for (k = 0; T && k < model_n_d; ++k) {
@@ -110,7 +110,7 @@ static const char *set_pieces(struct model_run *run, double end) {
     double *row = now->u + model_n_u + k * ROWS, s[STENCIL], c[STENCIL], at = middle - T[k], length;
     long long oldest = ring->number > model_ring ? ring->number - model_ring : 0, left = oldest, right = ring->number - 1;
     memset(row, 0, sizeof(double) * ROWS);
-    if (at <= model_t0) continue; /* constant before the start */
+    if (at <= 0) continue; /* constant before the start */
     if (ring->t[oldest % model_ring] > at) return LONG_DELAY;
     while (right - left > 1) {
       long long m = (left + right) / 2;
@@ -152,7 +152,7 @@ static const char *set_pieces(struct model_run *run, double end) {
 /* Discontinuities that leave the delays now: the pieces of the delayed variables change. */
 static const char *returned(struct model_run *run) {
   Values *now = &run->now;
-  double T[model_n_d + 1], before[model_n_d + 1], end = now->t + model_dt, same = same_instant(now);
+  double T[model_n_d + 1], before[model_n_d + 1], end = now->t + model_dt, same = same_time(now);
   const char *wrong = sources(now, 0, T);
   int k, level = NO_LEVEL;
   for (k = 0; k < model_n_d && !wrong; ++k) {
@@ -175,7 +175,7 @@ static const char *returned(struct model_run *run) {
 /* One step of the method from y, the point of `from`, to `next`; false if it fails. */
 static bool method_step(const Values *from, const double *y, const Linear *here, double h, double *next) {
   const double *p = from->p, *u = from->u;
-  double t = from->t;
+  double t = clock_at(from, from->t);
   int n = UNKNOWNS, i, s;
   if (model_method == model_rosenbrock) {
     if (!isfinite(one_step(t, y, p, u, h, here->jacobian, here->slope, from->tolerance, next))) return false;
@@ -237,7 +237,7 @@ static const char *part(struct model_run *run, double end, bool locate, bool *ea
   memcpy(y, now->x, sizeof(double) * model_n_x);
   memcpy(y + model_n_x, now->z, sizeof(double) * model_n_z);
   memcpy(dx, now->dx, sizeof(double) * model_n_x);
-  if (model_method == model_rosenbrock && linearise(now->t, y, now->p, now->u, &here)) return NO_STEP;
+  if (model_method == model_rosenbrock && linearise(clock_at(now, now->t), y, now->p, now->u, &here)) return NO_STEP;
   if (!method_step(now, y, &here, high, best)) return NOT_KNOWN;
   set_point(now, end, best);
   if (!model_n_c || !locate) return NULL;
@@ -282,7 +282,7 @@ static const char *events_now(struct model_run *run) {
 
 static const char *step(struct model_run *run) {
   Values *now = &run->now;
-  double end = model_t0 + (double)(run->steps + 1) * model_dt;
+  double end = (double)(run->steps + 1) * model_dt;
   const char *wrong = NULL;
   int k, n;
   if (run->set) {
@@ -312,7 +312,7 @@ static int ended(struct model_run *run, const char *wrong) {
     return 0;
   }
   if (wrong == run->now.message) snprintf(run->message, sizeof run->message, "%s", wrong);
-  else snprintf(run->message, sizeof run->message, "%s (at %.9g s)", wrong, run->now.t);
+  else snprintf(run->message, sizeof run->message, "%s (at %.12g s)", wrong, run->now.origin + run->now.t);
   return run->status = 1;
 }
 
@@ -323,7 +323,7 @@ int model_init(model_run *run, const double *p) {
   const char *wrong;
   memset(run, 0, sizeof *run);
   begin(now);
-  now->t = model_t0;
+  begin_at(now, model_t0);
   now->history.level = NO_LEVEL;
   if (p) memcpy(now->p, p, sizeof(double) * model_n_p);
   if ((wrong = end_start(now)) == NULL && (wrong = evaluate(now)) == NULL && (wrong = record(run, 0)) == NULL &&

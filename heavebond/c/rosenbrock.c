@@ -27,6 +27,7 @@ static const double C[STAGES][STAGES] = {
     {30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623, -28.087943162872662},
     {37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002, -54.66780262877968,
      -9.48861652309627}};
+static const double ROUNDINGS = 32; /* roundings of the time in the stages, or in the source of a delay */
 static const double TIMES[STAGES] = {0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1, 1, 1};
 static const double SLOPES[STAGES] = {0.21193756319429014, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734,
                                       2.325825639765069};
@@ -69,12 +70,17 @@ static void back_substitute(int n, const double *a, const int *order, double *b)
   }
 }
 
-/* One step of length h from y = (x, z) to `next`; the size of its error over the tolerance, or infinity if it fails. */
+static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
+
+/* One step of length h from y = (x, z) to `next`; the size of its error over the tolerance, or infinity if it fails. Far from 0
+   the functions of time are rounded by more than the tolerance: what this adds to the last stage is not counted as an error. */
 static double one_step(double t, const double *y, const double *p, const double *u, double h, const double *jacobian,
                        const double *slope, double tolerance, double *next) {
   static const int n = UNKNOWNS;
-  double w[UNKNOWNS * UNKNOWNS + 1], k[STAGES][UNKNOWNS + 1], sum = 0;
+  double w[UNKNOWNS * UNKNOWNS + 1], k[STAGES][UNKNOWNS + 1], noise[UNKNOWNS + 1] = {0}, sum = 0;
+  double rounding = ROUNDINGS * spacing(model_n_d ? u[model_n_v - 1] + t : t);
   int order[UNKNOWNS + 1], s, i, j;
+  w[n * n] = 0, order[n] = 0; /* compilers warn of arrays without values if there are no unknowns */
   for (i = 0; i < n * n; ++i) w[i] = -jacobian[i];
   for (i = 0; i < model_n_x; ++i) w[i * n + i] += 1 / (h * GAMMA);
   if (!factorise(n, w, order)) return INFINITY;
@@ -90,12 +96,16 @@ static double one_step(double t, const double *y, const double *p, const double 
     }
     back_substitute(n, w, order, k[s]);
   }
+  if (rounding > tolerance * h) {
+    for (i = 0; i < n; ++i) noise[i] = rounding * slope[i];
+    back_substitute(n, w, order, noise);
+  }
   for (i = 0; i < n; ++i) {
     double nominal = i < model_n_x ? model_x_nominal[i] : model_z_nominal[i - model_n_x];
     double origin = i < model_n_x ? model_x_origin[i] : 0; /* of a state with small motions about it */
     double error = k[STAGES - 1][i];
     next[i] += error;
-    error /= tolerance * (nominal + fmax(fabs(y[i] - origin), fabs(next[i] - origin)));
+    error /= tolerance * (nominal + fmax(fabs(y[i] - origin), fabs(next[i] - origin))) + fabs(noise[i]);
     sum += error * error;
   }
   return isfinite(sum) ? sqrt(sum / (n ? n : 1)) : INFINITY;

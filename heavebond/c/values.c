@@ -15,7 +15,8 @@ typedef struct {
 
 /* all variables of a run: a copy is a snapshot, from which a run continues with bit-equal results */
 typedef struct {
-  double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1], y[model_n_y + 1];
+  double origin, t; /* the time of the begin, and the time from there: it is not rounded far from 0 */
+  double x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1], y[model_n_y + 1];
   double step, tolerance; /* of the integrator of co-simulation */
   bool fresh;             /* true if dx, z and y are valid for the other values */
   bool starting, own;     /* starting: the start follows parameters and inputs; own: a state was set instead */
@@ -26,7 +27,8 @@ typedef struct {
 
 /* a direction of all arguments, and the changes of the results along it */
 typedef struct {
-  double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1];
+  double origin, t; /* the time of the begin, and the time from there: it is not rounded far from 0 */
+  double x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1];
   double dx[model_n_x + 1], y[model_n_y + 1], indicators[model_n_c + 1];
 } Direction;
 
@@ -54,17 +56,27 @@ static void begin(Values *now) {
   for (k = 0; k < model_n_e; ++k) now->events.last[k] = -INFINITY;
 }
 
+/* Set the time of the begin; with delays it is the last value of u. */
+static void begin_at(Values *now, double t) {
+  now->origin = t, now->t = 0, now->fresh = false;
+  if (model_n_d) now->u[model_n_v - 1] = t;
+}
+
+/* The time argument of the equations at a time of the run: with delays it counts from the begin, as their history. */
+static double clock_at(const Values *now, double t) { return model_n_d ? t : now->origin + t; }
+
 #include "fmu_start.c"
 
 /* Rates, outputs and algebraic unknowns of the present values; an error message, or NULL. */
 static const char *evaluate(Values *now) {
   const char *wrong;
+  double t = clock_at(now, now->t);
   int k;
   if (now->fresh) return NULL;
   if ((wrong = solve_start(now)) != NULL) return wrong;
-  if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) {
+  if (model_evaluate(t, now->x, now->z, now->p, now->u, now->dx, now->y)) {
     memcpy(now->z, model_z_start, sizeof(double) * model_n_z); /* try from the first guess, once */
-    if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) return NO_SOLUTION;
+    if (model_evaluate(t, now->x, now->z, now->p, now->u, now->dx, now->y)) return NO_SOLUTION;
   }
   for (k = 0; k < model_n_x; ++k)
     if (!isfinite(now->dx[k])) return NOT_FINITE;
@@ -75,14 +87,15 @@ static const char *evaluate(Values *now) {
 /* The message of a physical limit that this point exceeds, or NULL. */
 static const char *limit_passed(Values *now) {
   const char *wrong = model_n_l ? evaluate(now) : NULL;
-  if (wrong || !model_check(now->t, now->x, now->z, now->p, now->u, now->message, sizeof now->message)) return wrong;
+  if (wrong || !model_check(clock_at(now, now->t), now->x, now->z, now->p, now->u, now->message, sizeof now->message))
+    return wrong;
   return now->message;
 }
 
 /* The indicators of the conditions; a condition is true if its indicator is above zero. */
 static const char *indicate(Values *now, double indicators[]) {
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
-  double *res[] = {indicators, 0, 0};
+  double t = clock_at(now, now->t), *res[] = {indicators, 0, 0};
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u};
   const char *wrong = evaluate(now);
   return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
 }
@@ -90,7 +103,8 @@ static const char *indicate(Values *now, double indicators[]) {
 /* The changes of the rates, the outputs, the residual of the algebraic equations and the indicators along a direction of all
    other values. */
 static int slopes(const Values *now, const Direction *along, double *dx, double *y, double *residual, double *indicators) {
-  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
+  double t = clock_at(now, now->t);
+  const double *arg[] = {&t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
   double *res[] = {dx, y, residual, indicators};
   return model_directions(arg, res, 0, 0, 0);
 }
@@ -100,8 +114,8 @@ static const char *directions(const Values *now, Direction *along) {
   double residual[model_n_z + 1], jacobian[model_n_z * model_n_z + 1];
   int k;
   if (model_n_z) {
-    if (slopes(now, along, 0, 0, residual, 0) || model_call(now->t, now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) ||
-        !model_solve(model_n_z, jacobian, residual))
+    if (slopes(now, along, 0, 0, residual, 0) ||
+        model_call(clock_at(now, now->t), now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) || !model_solve(model_n_z, jacobian, residual))
       return NO_DERIVATIVE;
     for (k = 0; k < model_n_z; ++k) along->z[k] = -residual[k];
   }
@@ -115,9 +129,10 @@ static const char *end_start(Values *now) {
   return wrong;
 }
 
-static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
-
-static double same_instant(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->t)); }
+/* The difference of equal instants, which the equations and the calling program state by the time itself; and of two equal
+   times of the run, from its begin. */
+static double same_instant(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->origin + now->t)); }
+static double same_time(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->t)); }
 
 static void set_point(Values *now, double t, const double *y) {
   now->t = t;

@@ -17,14 +17,14 @@ static const char *update(Values *now, bool *changed) {
   return wrong || !any ? wrong : happen(now, by_condition, changed);
 }
 
-/* One sufficiently accurate step from y at t towards `end`, to the point `next`; *h is the length of the step after it. Returns
-   the time reached, or t if no step is short enough. */
-static double accepted_step(double t, double end, const double *y, const double *p, const double *u, const Linear *here,
-                            double tolerance, double *h, double *next) {
+/* One sufficiently accurate step from y at the present time towards `end`, to the point `next`; *h is the length of the step
+   after it. Returns the time reached, or the present time if no step is short enough. */
+static double accepted_step(const Values *now, double end, const double *y, const Linear *here, double *h, double *next) {
+  double t = now->t;
   for (;;) {
     double length = fmin(*h, end - t);
     int last = length >= (end - t) * (1 - 1e-12);
-    double error = one_step(t, y, p, u, length, here->jacobian, here->slope, tolerance, next);
+    double error = one_step(clock_at(now, t), y, now->p, now->u, length, here->jacobian, here->slope, now->tolerance, next);
     if (error <= 1) {
       double growth = fmin(6, 0.9 * pow(fmax(error, 1e-12), -0.2));
       /* a step that `end` shortened does not determine the length of the next step, unless it must be shorter */
@@ -49,8 +49,8 @@ typedef struct {
 static const char *look_at(Span *span, double t) {
   const Values *from = span->from;
   double next[UNKNOWNS + 1];
-  span->error = one_step(from->t, span->y, from->p, from->u, t - from->t, span->here->jacobian, span->here->slope,
-                         from->tolerance, next);
+  span->error = one_step(clock_at(from, from->t), span->y, from->p, from->u, t - from->t, span->here->jacobian,
+                         span->here->slope, from->tolerance, next);
   set_point(&span->at, t, next);
   return look(&span->at, span->indicators, span->rates);
 }
@@ -183,11 +183,11 @@ static const char *advance(Values *now, double end, bool *crossed) {
   if (wrong || (model_n_c > 0 && (wrong = look(now, a, ra)) != NULL)) return wrong;
   memcpy(y, now->x, sizeof(double) * model_n_x);
   memcpy(y + model_n_x, now->z, sizeof(double) * model_n_z);
-  if (linearise(now->t, y, now->p, now->u, &here)) return NO_STEP;
+  if (linearise(clock_at(now, now->t), y, now->p, now->u, &here)) return NO_STEP;
   if (!(now->step > 0)) now->step = 1e-3 * (end - now->t);
   if (model_n_c) end = fmin(end, now->t + LOOKS * now->events.span);
   planned = now->step;
-  reached = accepted_step(now->t, end, y, now->p, now->u, &here, now->tolerance, &now->step, reached_y);
+  reached = accepted_step(now, end, y, &here, &now->step, reached_y);
   if (!(reached > now->t)) return NO_STEP;
   if (model_n_d && now->step == planned && reached - now->t > 0.9 * planned) now->step *= 2; /* shorter by rounding only */
   if (model_n_c || model_n_d) {
@@ -197,7 +197,7 @@ static const char *advance(Values *now, double end, bool *crossed) {
     if (model_n_d && next.t > now->t) {
       double error, length = next.t - now->t;
       if ((wrong = remember_step(now, y, &here, &next, &error)) != NULL) return wrong;
-      if (error > REPEATED && length > fmax(64 * same_instant(now), 1.5 * least)) { /* the history is not dense enough */
+      if (error > REPEATED && length > fmax(64 * same_time(now), 1.5 * least)) { /* the history is not dense enough */
         now->step = fmax(least, length * fmax(0.2, 0.9 * pow(error, -1.0 / STENCIL)));
         *crossed = false;
         return NULL;

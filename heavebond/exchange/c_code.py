@@ -103,7 +103,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: Fixed
              "y": exported.outputs}
     lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
-    values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
+    values["u_start"] = exported.at_start[4].tolist()
     values["x_nominal"] = [q.nominal for q in exported.states]
     values["x_origin"] = exported.assembly.x_origin.tolist()
     values["z_nominal"] = [q.nominal for q in exported.algebraic]
@@ -197,7 +197,8 @@ def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
         "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is ignored if there",
         "are none). It returns 0, or another number if z was not found. It has no memory between calls.", "",
         *([f"Only {prefix}_advance can call it: after the inputs, u holds {DELAY_ROWS} values of each delayed",
-           "variable, which follow from the history of the run.", ""] if exported.delays else []),
+           "variable, which follow from the history of the run, and the time of the begin, from which t counts.", ""]
+          if exported.delays else []),
         *([f"double {prefix}_next_stop(double t, const double *p)", "",
            "gives the next instant after t at which a function of time has a kink or a fast transition, or INFINITY.",
            "An integrator must end a step there and restart, because it may skip the transition otherwise.", ""]
@@ -237,8 +238,7 @@ def _limit_arrays(exported: Portable, prefix: str) -> list[str]:
     """The messages on physical limits, and the tolerance of each limit, in proportion to the variable's size at the
     start.
     """
-    at_start = exported.limits(exported.assembly.begin, *([q.start for q in quantities] for quantities in (
-        exported.states, exported.algebraic, exported.parameters, exported.inputs)))
+    at_start, _ = exported.limits(*exported.at_start)
     above = np.array(at_start).ravel().tolist()
     texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in exported.limited]
     advice = [c_string(f"{u.plausible.beyond}.") for u in exported.limited]
@@ -289,7 +289,7 @@ def _delay_arrays(exported: Portable, prefix: str, longest: bool) -> list[str]:
     arrays: dict[str, tuple[str, Sequence[float]]] = {
         "d_nominal": ("double", [d.nominal for d in delays]), "d_before": ("int", [d.index for d in delays]),
         "d_rated": ("int", [int(any(s.element_hash() in used for s in split(d.symbols)[1:])) for d in delays])}
-    return [f"enum {{ {prefix}_n_d = {len(delays)}, {prefix}_n_v = {len(exported.inputs) + DELAY_ROWS * len(delays)}, "
+    return [f"enum {{ {prefix}_n_d = {len(delays)}, {prefix}_n_v = {len(exported.at_start[4])}, "
             f"{prefix}_direct = {int(direct)} }};",
             *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0]))}}};"
               for name, (kind, numbers) in arrays.items()),

@@ -7,7 +7,7 @@ input too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import factorial, inf
@@ -29,7 +29,7 @@ from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
-from heavebond.numerics.dae import Array, Assembly, Size, assemble, build, measured_rows
+from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, Size, assemble, build, from_begin, measured_rows
 from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
@@ -95,8 +95,9 @@ class Portable:
     are the usual sizes of the quantities that must not jump. `updates` (t, x, z, p, u, 1 for each active event) -> new
     values of all resets (see `numerics.update_order`), and `instants` p -> (first instants, periods). `stops` is p ->
     the instants at which an integrator stops for functions of time; `limits` (t, x, z, p, u) -> the distance of the
-    variables `limited` from their physical limits; `histories` (t, x, z, p, u) -> (sources of the delayed variables,
-    their delays). After the inputs, u has the rows of each delayed variable (see `substitute_inputs`)."""
+    variables `limited` from their physical limits, and the time; `histories` (t, x, z, p, u) -> (sources of the delayed
+    variables, their delays). After the inputs, u has the rows of each delayed variable (see `substitute_inputs`) and,
+    with delays, the time of the begin: t then counts from it, so that their history is not rounded far from 0."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -141,6 +142,13 @@ class Portable:
     def delays(self) -> tuple[DelayedVariable, ...]:
         """The delayed variables, in the order of `histories`."""
         return tuple(self.assembly.flat.delays)
+
+    @property
+    def at_start(self) -> tuple[float, Array, Array, Array, Array]:
+        """The arguments (t, x, z, p, u) of the functions at the start of the run."""
+        x, z, p, u = (np.array([q.start for q in group], float)
+                      for group in (self.states, self.algebraic, self.parameters, self.inputs))
+        return self.assembly.begin, x, z, p, np.concatenate([u, np.zeros(self.equations.numel_in(4) - len(u))])
 
     @property
     def integrated(self) -> bool:
@@ -272,6 +280,17 @@ def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[s
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
     rows = measured_rows(flat)
     delayed = pieces[rows:]
+    begin = ca.SX.sym("begin", 1 if flat.delays else 0)
+
+    def counted(sides: Sequence[ca.SX]) -> list[ca.SX]:
+        """Expressions with the time counted from the begin if the diagram has delays."""
+        if not flat.delays:
+            return list(sides)
+        elapsed, origins = ca.SX.sym("t"), stack([delayed[DELAY_ROWS * k + 1] for k in range(len(flat.delays))])
+        # r (t - t_0) is r times a difference of two times from the begin: CasADi writes t - (t - e) as e
+        sides = ca.substitute(list(sides), [origins], [t - (elapsed - origins)])
+        return ca.substitute(from_begin(sides, t, begin), [elapsed], [t])
+
     measured = [t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)] if flat.inputs else []  # c_k = u^(k) / k!
     inputs_with_rates = stack([*measured, delayed])
     followed = differentiated(assembly)
@@ -281,32 +300,33 @@ def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[s
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     updates = assembly.update_order.at(first.p)
     sources = assembly.express(stack(d.source for d in flat.delays))
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values, sources],
-                          [pieces, rate], [inputs_with_rates, ca.SX(1)])
+    right = counted(ca.substitute(
+        [assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values, sources,
+         assembly.express(stack(d.delay for d in flat.delays)), t], [pieces, rate], [inputs_with_rates, ca.SX(1)]))
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
     kept_inputs = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
                    if order == 0 or one.element_hash() in used]
-    u = stack([*(symbols[k][order] for k, order in kept_inputs), delayed])
-    equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
-    happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
-    limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
-    updated = ca.Function(f"{prefix}updates", [t, x, z, p, u, updates.fired], ca.cse([ca.densify(right[8])]))
-    along = [ca.SX.sym("along", one.shape) for one in (t, x, z, p, u)]
+    u = stack([*(symbols[k][order] for k, order in kept_inputs), delayed, begin])
+    arguments = [t, x, z, p, u]
+    equations = ca.Function(f"{prefix}equations", arguments, ca.cse([ca.densify(side) for side in right[:4]]))
+    happening = ca.Function(f"{prefix}happenings", arguments, ca.cse([ca.densify(side) for side in right[4:7]]))
+    limits = ca.Function(f"{prefix}limits", arguments, ca.cse([ca.densify(right[7]), right[11]]))
+    updated = ca.Function(f"{prefix}updates", [*arguments, updates.fired], ca.cse([ca.densify(right[8])]))
+    along = [ca.SX.sym("along", one.shape) for one in arguments]
     moving = [*right[:3], right[4]]
-    slopes = ca.jtimes(stack(moving), stack([t, x, z, p, u]), stack(along))
+    slopes = ca.jtimes(stack(moving), stack(arguments), stack(along))
     cuts = np.cumsum([0, *(side.numel() for side in moving)]).tolist()
-    directions = ca.Function(f"{prefix}directions", [t, x, z, p, u, *along],
+    directions = ca.Function(f"{prefix}directions", [*arguments, *along],
                              ca.cse([ca.densify(slopes[a:b]) for a, b in pairwise(cuts)]))
     laws, unknowns = stack([right[0], right[2]]), stack([x, z])
     by_unknowns = ca.densify(ca.jacobian(laws, unknowns)).T if unknowns.numel() else ca.SX(0, 0)
-    by_all = ca.Function(f"{prefix}jacobian", [t, x, z, p, u],
+    by_all = ca.Function(f"{prefix}jacobian", arguments,
                          ca.cse([ca.vec(by_unknowns), ca.densify(ca.jtimes(laws, t, ca.SX(1)))]))
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
         ca.SX(0) if e is None else e for e in group))) for group in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
-    histories = ca.Function(f"{prefix}histories", [t, x, z, p, u], ca.cse([
-        ca.densify(right[9]), ca.densify(assembly.express(stack(d.delay for d in flat.delays)))]))
-    starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
+    histories = ca.Function(f"{prefix}histories", arguments, ca.cse([ca.densify(side) for side in right[9:11]]))
+    starting = _start_conditions(assembly, first, column, symbols, arguments, counted, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
@@ -316,11 +336,11 @@ def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[s
                     histories, locals=len(hidden))
 
 
-def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
-                      ) -> StartConditions:
+def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], arguments: list[ca.SX],
+                      counted: Callable[[Sequence[ca.SX]], list[ca.SX]], label: str) -> StartConditions:
     """The conditions of the start in the arguments of an export; a steady start keeps the inputs constant."""
     flat, equations = assembly.flat, StartEquations(assembly)
-    t, x, z, p, pieces, rate = assembly.arguments
+    t, _, _, p, pieces, rate = assembly.arguments
     whole = equations.conditions if first.in_turn else equations.all
     aims = (equations.aims if first.in_turn else equations.approach) if equations.guesses else None
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
@@ -333,7 +353,7 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
     by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
                           for k, (name, s) in enumerate(zip(assembly.parameter_names, split(p), strict=True)))
-    by_inputs = tuple(s.element_hash() in used for s in split(u))
+    by_inputs = tuple(s.element_hash() in used for s in split(arguments[4]))
     point = Point(first.t, first.x, first.z, first.p, held_still(column, first.t) if equations.steady else column,
                   0.0 if equations.steady else 1.0)
     sizes = equations.sizes(first.p)
@@ -343,7 +363,7 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
         scaled(gradients, weights(residual, gradients)), INITIALISATION.undetermined).size
     columns = [ca.densify(sides[0]), ca.vec(ca.densify(sides[1]).T), ca.densify(sides[2]), ca.vec(ca.densify(sides[3]).T),
                ca.densify(sides[4])]
-    return StartConditions(ca.Function(label, [t, x, z, p, u], ca.cse(columns)), tuple(equations.solved_for),
+    return StartConditions(ca.Function(label, arguments, ca.cse(counted(columns))), tuple(equations.solved_for),
                            tuple(sizes.tolist()), by_parameters, by_inputs, bool(square))
 
 

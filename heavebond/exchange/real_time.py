@@ -117,7 +117,7 @@ def _checked(exported: Portable, method: str, step: float) -> int:
         if period < step * (1 - REAL_TIME.same):
             problems.append(Problem("real-time-period", f"the period of {event.name}, {period:.6g} s, is shorter than the "
                                     f"step of {step:.6g} s", event.place, f"Type `--step '{period:.6g} s'` or less."))
-    delays = np.array(exported.histories(*_start(exported))[1]).ravel()
+    delays = np.array(exported.histories(*exported.at_start)[1]).ravel()
     if delays.size:
         delay, length = exported.delays[int(delays.argmin())], float(delays.min())
         if 0 < length < step * (1 - REAL_TIME.same):
@@ -130,15 +130,6 @@ def _checked(exported: Portable, method: str, step: float) -> int:
     if problems:
         raise UsageError(problems)
     return nodes
-
-
-def _start(exported: Portable) -> tuple[float, Array, Array, Array, Array]:
-    """The arguments (t, x, z, p, u) of the exported functions at the start of the run."""
-    x, z, p = (np.array([q.start for q in group], float)
-               for group in (exported.states, exported.algebraic, exported.parameters))
-    u = np.zeros(exported.histories.numel_in(4))
-    u[:len(exported.inputs)] = [q.start for q in exported.inputs]
-    return exported.assembly.begin, x, z, p, u
 
 
 def _periods(exported: Portable) -> Array:
@@ -157,7 +148,7 @@ def notes(exported: Portable, solver: str | None, step: Time | None) -> list[str
         remarks.append(f"{listing(parts, 3)}: the period is not a multiple of the step; its instants divide steps")
     if method in ("euler", "rk4") and exported.states:
         n = len(exported.states)
-        matrix = np.array(exported.jacobian(*_start(exported))[0]).reshape(n, n)
+        matrix = np.array(exported.jacobian(*exported.at_start)[0]).reshape(n, n)
         if np.all(np.isfinite(matrix)) and (limit := stability_limit(matrix, method == "rk4", length)) is not None:
             remarks.append(f"{method} is unstable with this step at the start of the run; its longest stable step is "
                          f"{limit:.2g} s. Type a shorter `--step`, or `--solver rosenbrock`.")

@@ -554,8 +554,8 @@ def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
     return np.asarray(np.abs(np.array(gradients) * assembly.z_nominal).max(axis=1))
 
 
-def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
-    """Expressions (columns) with the time counted from the begin of a run (s).
+def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float | ca.SX) -> list[ca.SX]:
+    """Expressions (columns) with the time counted from the begin of a run (s, a number or a symbol).
 
     A straight line a*time + b becomes a*time + (a*begin + b). If the begin is large, such as the time of a UNIX clock, the
     difference to another instant is then as exact as a short time, and steps are not rounded.
@@ -563,7 +563,7 @@ def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[
     columns = list(expressions)
     sizes = [c.numel() for c in columns]
     together = ca.densify(stack(columns))
-    if not begin or not together.numel():
+    if (not isinstance(begin, ca.SX) and not begin) or not together.numel():
         return columns
     driven = np.flatnonzero(ca.which_depends(together, time, 1, True)).tolist()
     if not driven:
