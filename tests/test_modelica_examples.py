@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import heavebond as hb
+from benchmarks.modelica.__main__ import examples, largest_difference, lines_of_modelica, reference, row
 
 FOLDER = Path(__file__).parents[1] / "benchmarks" / "modelica"
+PAGE = Path(__file__).parents[1] / "docs" / "modelica_examples.md"
 
 
 def run(name: str) -> hb.Result:
@@ -33,6 +35,52 @@ def test_a_forced_oscillation_near_resonance() -> None:
     assert found.si["mass1.v"] == pytest.approx(v, abs=3e-7)
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.yaml")))
-def test_every_example_assembles(name: str) -> None:
-    assert hb.assemble(hb.load(FOLDER / f"{name}.yaml")).model.name == name
+def test_brakes_filters_modulation_and_tanks_with_closed_solutions() -> None:
+    """A body of 1 kg that 1 N brakes from 0.1 s to rest; two lags in a row; a frequency that a sine modulates; two tanks of
+    1 m² that exchange water through 5 Pa s/m³, with 10 Pa per metre."""
+    braked = run("brake")
+    assert braked.si["mass1.v"] == pytest.approx(np.clip(1.1 - braked.time, 0, 1), abs=1e-9)
+    lag = run("filter_with_rise_time")
+    s = np.maximum(lag.time - 1, 0)/(np.sqrt(10**0.15 - 1)*2/5)
+    assert lag.si["filter_fac5.x[2]"] == pytest.approx(1 - (1 + s)*np.exp(-s), abs=1e-7)
+    modulated = run("modulation")
+    phase = 2*np.pi*(100*modulated.time + 50/(4*np.pi)*(1 - np.cos(4*np.pi*modulated.time)))
+    assert modulated.si["sinFM.y"] == pytest.approx(np.sin(phase), abs=2e-6)
+    tanks = run("two_tanks")
+    assert tanks.si["openTank1.m"] == pytest.approx(0.5 + 0.4*np.exp(-4*tanks.time), abs=1e-7)
+
+
+def test_the_page_has_a_row_for_each_example() -> None:
+    """With its lines of YAML and its notes; the other figures need the files of the Modelica Association."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    rows = [line.split(" | ") for line in lines if ".Examples." in line and "|" in line]
+    expected = [row(name, 0, 0.0).split(" | ") for name in examples()]
+    assert [(r[:2], r[4:]) for r in rows] == [(r[:2], r[4:]) for r in expected]
+
+
+@pytest.mark.long
+def test_every_example_assembles() -> None:
+    for name in examples():
+        assert hb.assemble(hb.load(FOLDER / f"{name}.yaml")).model.name == name
+
+
+def test_the_comparison_reads_classes_and_results(tmp_path: Path) -> None:
+    """A class of a package, with an annotation that contains parentheses; a result with an index in a name, two times of an
+    event, and a known error."""
+    (tmp_path / "Modelica" / "Blocks").mkdir(parents=True)
+    (tmp_path / "Modelica" / "Blocks" / "package.mo").write_text(
+        "package Blocks\n  model Other\n  end Other;\n  model Lag \"A lag\"\n"
+        "    Real x annotation (Placement(\n      text=\"a ) b\"));\n\n"
+        "  equation\n    der(x) = -x;\n    annotation (Icon);\n  end Lag;\nend Blocks;\n")
+    assert lines_of_modelica(tmp_path, "Modelica.Blocks.Lag") == 5
+    t = np.repeat(np.linspace(0, 2, 2001), 1 + (np.arange(2001) == 1000))
+    v = np.clip(1.1 - t, 0, 1) + 1e-3*(t > 1.5)
+    v[1000] = 5.0   # before the event
+    names = ["mass1.s", "mass1.v", "mass2.s", "mass2.v", "x[1, 2]"]
+    s = np.where(t < 0.1, t, np.where(t < 1.1, t - (t - 0.1)**2/2, 0.6))
+    lines = [",".join(f'"{name}"' for name in ["time", *names]),
+             *(",".join(f"{x:.17g}" for x in (a, b, c, b, c, 0)) for a, b, c in zip(t, s, v, strict=True))]
+    (tmp_path / "brake.csv").write_text("\n".join(lines))
+    columns = reference(tmp_path / "brake.csv")
+    assert list(columns) == ["time", *names]
+    assert largest_difference("brake", columns) == pytest.approx(1e-3, rel=1e-6)
