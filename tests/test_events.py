@@ -576,6 +576,20 @@ def test_a_condition_that_is_true_at_the_start_is_named_by_the_verdict(tmp_path:
         assert result.verdict.as_dict()["exit"] == 0
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_condition_that_becomes_true_by_an_event_at_the_start_acts_without_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text("""model: rig
+components:
+  pulses:  {is: SquareWave, high: 1, T: 1 s}
+  counter: {is: Counter, r: 0}
+nodes: {pulses: [pulses.y, counter.u], count: [counter.y]}
+simulate: {until: 2.5 s, every: 0.25 s}
+""")
+    result = hb.simulate(hb.load(tmp_path / "rig.yaml"))
+    assert not result.verdict.findings
+    assert list(result["counter.y"]) == [1]*4 + [2]*4 + [3]*3
+
+
 def test_an_indicator_that_falls_from_zero_is_no_crossing() -> None:
     """A condition such as `x > limit` where x leaves the limit: zero at the begin, below it afterwards."""
     from heavebond.numerics.zero_crossings import crossing

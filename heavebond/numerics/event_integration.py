@@ -141,7 +141,7 @@ class EventIntegration:
                 while True:
                     # the first event may change which conditions are true at the start
                     if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):
-                        record.true_at_start = self._true_at_start(state)
+                        record.true_at_start = self._true_at_start(state, record)
                     if through is not None and record.true_at_start is not None:
                         state, k = through(state, k, record)
                     if k == n:
@@ -250,9 +250,10 @@ class EventIntegration:
         it is met."""
         return np.asarray((self._indicators(state)[0] > 0) & ~self.breakaways)
 
-    def _true_at_start(self, state: EventState) -> list[str]:
+    def _true_at_start(self, state: EventState, record: Record) -> list[str]:
         """The events whose condition is true at the start, and which would set a variable to another value. They do not
-        happen, as the condition does not become true. SimulationError if such an event ends the run."""
+        happen, as the condition does not become true; an event that has happened at the start is not among them.
+        SimulationError if such an event ends the run."""
         if not state.true.any():
             return []
         events, point = [self.conditions[c] for c in np.flatnonzero(state.true)], self._point(state)
@@ -261,7 +262,9 @@ class EventIntegration:
                 raise SimulationError([Problem(
                     "event-until", f"the run would end as it begins: {event.text} is true at the start", event.place,
                     "A run ends when its condition becomes true: write one that is false at the start.")])
-        return [state.frame.equations.events[i].name for i in events if state.frame.equations.would_change(point, i)]
+        happened = {name for instant in record.instants for name in instant.names}
+        return [name for i in events if (name := state.frame.equations.events[i].name) not in happened
+                and state.frame.equations.would_change(point, i)]
 
     def _over_kinks(self, state: EventState, limit: float, record: Record) -> EventState:
         """Integrate to a time, with a restart at each kink."""
