@@ -269,7 +269,7 @@ def test_a_law_at_several_places_that_is_dropped_on_purpose_was_simulated() -> N
     single = [SimpleNamespace(candidate=c, gain=10.0) for c in (FRICTION, DAMPER)]
     joined = SimpleNamespace(candidate=replace(FRICTION, place="at both", members=(FRICTION.label, DAMPER.label)), gain=1.0)
     scores: Any = [*single, joined]
-    assert beyond_their_members(scores) == single
+    assert beyond_their_members(scores, {}) == single
 
 
 

@@ -12,7 +12,9 @@ import pytest
 from heavebond.diagnosis.candidates import catalogue
 from heavebond.diagnosis.candidates.catalogue import distant_candidates, site_of
 from heavebond.diagnosis.candidates.places import between_all_nodes, candidates
+from heavebond.diagnosis.candidates.varying import varying_parameters
 from heavebond.diagnosis.evidence.residual_tests import _largest
+from heavebond.diagnosis.search import prescore
 from heavebond.diagnosis.search.prescore import prescores, select
 from heavebond.diagnosis.search.scoring import scored
 from heavebond.diagnosis.search.step import fitted_base, make_stage
@@ -152,6 +154,40 @@ def test_the_prescores_agree_with_the_exact_scores() -> None:
     # |s_o| is estimated with a standard deviation of 6 % (128 vectors), and the linear model holds its matrices for a step
     assert np.abs(pairs[:, 0] / pairs[:, 1] - 1).max() < 0.2
     assert np.corrcoef(pairs.T)[0, 1] > 0.99
+
+
+def test_the_prescores_of_varying_parameters_agree_with_the_exact_scores() -> None:
+    """On the bundled passive rig, for every fourth variation, in time as well as with variables of the parts."""
+    base = fitted_base(load_experiment("passive_rig/friction"))
+    variations = varying_parameters(base.problem, base.inner).candidates[::4]
+    first = {(p.candidate.label, *p.shapes.values()): p.z for p in prescores(base, variations)[0]}
+    exact = {(s.candidate.label, *s.shapes.values()): s.z for c in variations for s in scored(base, c)
+             if s.told_apart and s.side == 0}
+    pairs = np.array([(first[key], exact[key]) for key in exact])
+    assert len(pairs) > 8 and any("time" in label for label, *_ in exact)
+    # the tolerances of the test above
+    assert np.abs(pairs[:, 0] / pairs[:, 1] - 1).max() < 0.2
+    assert np.corrcoef(pairs.T)[0, 1] > 0.99
+
+
+def test_a_varying_parameter_that_determines_others_has_no_prescore(tmp_path: Path) -> None:
+    """A factor changes it in the equations of its part only."""
+    experiment = written(tmp_path, "bodies")
+    (tmp_path / "plain.yaml").write_text((tmp_path / "plain.yaml").read_text().replace("m: 3 kg", "m: =m1.m"))
+    base = fitted_base(load_experiment(experiment.path))
+    variations = [c for c in varying_parameters(base.problem, base.inner).candidates if c.attaches == "parameter"]
+    without = {name for c in prescores(base, variations)[1] for name in c.change.vary}
+    assert without == {"m1.m", "m2.m"} & {name for c in variations for name in c.change.vary} != set()
+
+
+def test_near_candidates_with_small_prescores_are_scored_if_nothing_explains_the_misfit(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sensor offsets do not explain the friction: the postponed laws between joined nodes are refitted."""
+    monkeypatch.setattr(prescore, "REFITS", 0)
+    monkeypatch.setattr(prescore, "PROMISING", 2.0)
+    experiment = written(tmp_path, "bodies")
+    stage = make_stage(experiment, number=1, classes=("dry friction", "sensor offset"))
+    assert {t.candidate.kind for t in stage.trials} == {"dry friction", "sensor offset"}
 
 
 def test_the_largest_of_the_prescored_is_no_more_than_chance_in_noise(tmp_path: Path) -> None:

@@ -118,9 +118,9 @@ def test_one_amplitude_at_both_places_explains_what_neither_does_alone(chain: Ex
     assert left[both.label].values["coulomb_friction.F_c"] == pytest.approx(1.2, rel=0.02)
     base = fitted_base(chain)
     scores = [s for label in (both.label, *both.members) for s in scored(base, every[label])]
-    assert beyond_their_members(scores) == scores
+    assert beyond_their_members(scores, {}) == scores
     lesser = [replace(s, z=0.0) if s.candidate is both else s for s in scores]
-    assert {s.candidate.label for s in beyond_their_members(lesser)} == set(both.members)
+    assert {s.candidate.label for s in beyond_their_members(lesser, {})} == set(both.members)
 
 
 def test_a_law_takes_the_place_of_all_parts_of_a_kind_with_common_new_parameters(chain: Experiment) -> None:

@@ -80,7 +80,7 @@ def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0, expla
     refits = RefitSchedule(cast(Any, workers), lambda text: None, lambda trial: trial.chi2_fit < explained,
                            whole=SAMPLES * misfit)
     first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
-    whole = refits.make(first, others, clock.perf_counter() + seconds)
+    whole = refits.make(first, lambda: others, clock.perf_counter() + seconds)
     assert refits.postponed == [*postponed]
     return whole, {label: trial.chi2_fit for label, trial in refits.trials.items()}
 

@@ -127,10 +127,10 @@ class LtvModel:
 
 class SourcedRecord:
     """One record and its machine with a virtual source on every node (see `input_nodes`; or with all `sources` of its flat
-    model), to be linearised about several runs."""
+    model), to be linearised about several runs. The deviations q are those of the free parameters and of `parameters`."""
 
     def __init__(self, experiment: Experiment, record: Record, folder: Path,
-                 sources: Callable[[Flat], dict[str, Node]] = input_nodes):
+                 sources: Callable[[Flat], dict[str, Node]] = input_nodes, parameters: Sequence[str] = ()):
         self.experiment, self.record = experiment, record
         measured = measure(experiment, record)
         self.time = measured.grid
@@ -155,7 +155,7 @@ class SourcedRecord:
         self.locals = [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns
                        if u.role in ("across", "position", "signal")]
         self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
-                                     list(experiment.free), len(self.nodes))
+                                     len(experiment.free) + len(parameters), len(self.nodes))
 
     def _write(self, driven: Array) -> None:
         with self.file.open("w", newline="", encoding="utf-8") as file:
@@ -205,10 +205,10 @@ def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
 class _Jacobians:
     """The matrices of `LtvModel` at many moments, in nominal states; parameters along given directions."""
 
-    def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[LocalSignal], free: Sequence[str],
+    def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[LocalSignal], parameters: int,
                  m: int):
         t, x, z, p, u, rate = assembly.arguments
-        self.n, self.z, self.k, self.m = x.numel(), z.numel(), len(free), m
+        self.n, self.z, self.k, self.m = x.numel(), z.numel(), parameters, m
         self.outputs, self.local = len(outputs), len(local)
         self.nominal = assembly.x_nominal
         names = assembly.flat.names

@@ -20,36 +20,40 @@ s'(Q r) is exact to first order, and with v_k (n,) of independent standard norma
 With `SKETCH` vectors the relative standard deviation of |s_o| is 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates
 of s_o. They preserve the cosine of two directions to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
 
+A parameter that varies by a factor 1 + a*g(t) is such an input as well: B, D are then the derivatives of the equations with
+respect to the parameter, times its value, and w = a*g.
+
 A law has no prescore if its through variables are not explicit formulas of the across variables: laws with states and
-implicit laws. The derivative s does not include changes that an effect makes to the initial state of a record, for example
-to the equilibrium from which a machine starts.
+implicit laws. The derivative s does not include changes that a law between nodes makes to the initial state of a record, for
+example to the equilibrium from which a machine starts.
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
-from heavebond.core.units import Dimension
+from heavebond.core.units import Dimension, parse_quantity
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.schedule import PROMISING
+from heavebond.diagnosis.search.schedule import AT_LEAST, PROMISING, REFITS
 from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
 from heavebond.estimation.residuals import Run
-from heavebond.language.definition import Component, Parameter, Value
+from heavebond.language.definition import FACTOR, Component, Parameter, Value
 from heavebond.language.library import Library
 from heavebond.language.symbols import Context, evaluate
-from heavebond.localise.ltv_model import AT_ONCE, LtvModel, SourcedRecord, known_of, mapped
+from heavebond.localise.ltv_model import AT_ONCE, Known, LtvModel, SourcedRecord, known_of, mapped
 from heavebond.numerics.dae import Array
-from heavebond.text.expression import Expr, ExpressionProblem, Name
+from heavebond.numerics.result import Probe
+from heavebond.text.expression import Expr, ExpressionProblem, Name, names
 
 SKETCH, RAW = 128, 8  # number of random vectors for |s_o| and for |s|; of |s| only the order of magnitude is needed
 EXACT = 200  # maximum number of exact scores of distant candidates; one takes about as long as a run of the records
@@ -85,22 +89,34 @@ class Prescore:
 
 @dataclass(frozen=True)
 class Prescored:
-    """Result of the preselection of candidates at distant nodes: the candidates that get an exact score, the prescores of
-    all of them, and the labels of the others with the reason for each."""
+    """Result of the preselection: the candidates that get an exact score, the prescores of all candidates that have one, the
+    `postponed` candidates at joined nodes, whose prescores are small, and the labels of the omitted candidates at distant
+    nodes with the reason for each."""
 
     selected: tuple[Candidate, ...] = ()
     scores: tuple[Prescore, ...] = ()
+    postponed: tuple[Candidate, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """The largest prescored gain of each candidate."""
+        largest: dict[str, float] = {}
+        for p in self.scores:
+            largest[p.candidate.label] = max(p.gain, largest.get(p.candidate.label, 0.0))
+        return largest
 
 
 def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
-    """Select the candidates at distant nodes that need an exact score, compared with candidates at nodes that a component
-    connects (`near`).
+    """Select the candidates that need an exact score, from those at nodes that a component connects (`near`) and those at
+    distant nodes.
 
     All laws of a class at a place are selected if the prescored gain of one of them is at least the share `PROMISING` of the
-    largest gain, and at least `VISIBLE`. Laws without a prescore are selected together with their class at the place. The
-    number of selected candidates is at most `EXACT`, those with the largest gains. `as_one` maps nodes that move together to
-    one of them.
+    largest gain, and at least `VISIBLE`. Laws without a prescore are selected together with their class at the place. Of
+    the near candidates, the first `REFITS` by their gains and all without a prescore in their class are selected as well,
+    and the others are postponed. The number of selected distant candidates is at most `EXACT`, those with the largest gains.
+    `as_one` maps nodes that move together to one of them. Without distant candidates, all near ones are selected: the exact
+    scores of a small diagram take less time than the adjoint runs.
     """
     joined = {_machine(c, as_one) for c in near}
     left_out, apart = dict[str, str](), dict[object, Candidate]()
@@ -114,25 +130,54 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
             apart[key] = candidate
     distant = list(apart.values())
     if not distant:
-        return Prescored(left_out=left_out)
-    across = [c for c in near if c.attaches == "across" and not c.members]
+        return Prescored(tuple(near), left_out=left_out)
+    static = [c for c in near if c.attaches in ("across", "at") and not c.members]
     try:
-        scores, without = prescores(base, [*across, *distant])
+        scores, without = prescores(base, [*static, *distant])
     except (HeavebondError, np.linalg.LinAlgError):
-        return Prescored(left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
-    labels = {c.label for c in distant}
-    least = max(VISIBLE, PROMISING * max((p.gain for p in scores if p.share > SAME), default=0.0))
-    scores = [p for p in scores if p.candidate.label in labels and p.share > SAME]
+        return Prescored(tuple(near), left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
+    scores = [p for p in scores if p.share > SAME]
+    least = max(VISIBLE, PROMISING * max((p.gain for p in scores), default=0.0))
     families: dict[object, float] = {}
     for p in scores:
         families[_family(p.candidate)] = max(p.gain, families.get(_family(p.candidate), 0.0))
-    hopeful = sorted((c for c in distant if families.get(_family(c), 0.0) >= least), key=lambda c: -families[_family(c)])
-    selected = {c.label for c in hopeful[:EXACT]}
-    known = {p.candidate.label for p in scores}
-    unknown = {c.label for c in without}
+
+    def ranked(among: Sequence[Candidate]) -> list[Candidate]:
+        return sorted(among, key=lambda c: -families.get(_family(c), 0.0))
+
+    hopeful = [c for c in ranked(distant) if families.get(_family(c), 0.0) >= least][:EXACT]
+    first = {c.label for c in ranked([c for c in static if _family(c) in families])[:REFITS]}
+    postponed = [c for c in static if families.get(_family(c), least) < least and c.label not in first]
+    selected = {c.label for c in hopeful}
+    known, unknown = {p.candidate.label for p in scores}, {c.label for c in without}
     left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
                  for c in distant if c.label not in selected}
-    return Prescored(tuple(c for c in distant if c.label in selected), tuple(scores), left_out)
+    later = {c.label for c in postponed}
+    return Prescored((*(c for c in near if c.label not in later), *(c for c in distant if c.label in selected)),
+                     tuple(scores), tuple(postponed), left_out)
+
+
+def select_variations(base: Base, variations: Sequence[Candidate]) -> Prescored:
+    """Select the variations of parameters that need an exact score: those of parts for which one prescored gain is at least
+    the share `PROMISING` of the largest gain, if their own gain is at least the share `AT_LEAST` of it, and those without a
+    prescore."""
+    if len(variations) < REFITS:  # their exact scores take less time than the adjoint runs
+        return Prescored(tuple(variations))
+    try:
+        scores, without = prescores(base, variations)
+    except (HeavebondError, np.linalg.LinAlgError):
+        return Prescored(tuple(variations))
+    prescored = Prescored(scores=tuple(scores))
+    gains, of_part = prescored.gains, dict[object, float]()
+    for p in scores:
+        of_part[_family(p.candidate)] = max(p.gain, of_part.get(_family(p.candidate), 0.0))
+    largest = max(gains.values(), default=0.0)
+    unknown = {c.label for c in without}
+    selected = [c for c in variations if c.label in unknown or (
+        of_part[_family(c)] >= PROMISING * largest and gains[c.label] >= AT_LEAST * largest)]
+    labels = {c.label for c in selected}
+    return replace(prescored, selected=tuple(selected),
+                   left_out={c.label: SMALL for c in variations if c.label not in labels})
 
 
 def _family(candidate: Candidate) -> tuple[str, frozenset[str]]:
@@ -156,9 +201,9 @@ class Adjoint:
 
 
 def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescore], list[Candidate]]:
-    """Compute the prescores of candidates that attach across two nodes, at the same choices of shape parameters as for an
-    exact score. The second result lists the candidates without a prescore. HeavebondError if the base model cannot be
-    linearised."""
+    """Compute the prescores of candidates that attach to nodes or to a parameter, at the same choices of shape
+    parameters as for an exact score. The second result lists the candidates without a prescore. HeavebondError if the base
+    model cannot be linearised."""
     # The vectors v (V, n) of the adjoint runs, in this order: the residual and `SKETCH` random vectors, both without the
     # part that the free parameters explain; `RAW` random vectors without this projection; and, if the inputs have noise,
     # `SKETCH` random residuals of a correct model, without the part that the free parameters explain.
@@ -173,7 +218,8 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
     ends = np.cumsum([int(run.counts.sum()) for run in base.problem.runs])
     parts = np.split(np.concatenate(vectors), ends[:-1], axis=1)
     with tempfile.TemporaryDirectory() as folder:
-        adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(base.problem.runs, parts, strict=True)]
+        adjoints = [_adjoint(base, run, part, Path(folder), candidates)
+                    for run, part in zip(base.problem.runs, parts, strict=True)]
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
     media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
     laws: dict[str, StaticLaw | None] = {}
@@ -189,48 +235,72 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
     return scores, without
 
 
-def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
-    """Solve the backward recursion of one record for all vectors (V, n of this record)."""
+def _adjoint(base: Base, run: Run, vectors: Array, folder: Path, candidates: Sequence[Candidate]) -> Adjoint:
+    """Solve the backward recursion of one record for all vectors (V, n of this record), at the sources of the candidates:
+    the nodes of the diagram, or the parameters that vary."""
     values = base.problem.values_of(base.inner, run.record.name)
     experiment = base.problem.experiment
-    sourced = SourcedRecord(experiment, run.record, folder, sources_of)
+    # not the parameters in formulas of others, which a factor would not change
+    elsewhere = {bound.scope + name.text for leaf in run.assembly.flat.expanded.leaves.values()
+                 for bound in leaf.parameters.values() if isinstance(bound.value, Value) for name in names(bound.value.expr)}
+    varied = list(dict.fromkeys(name for c in candidates for name in c.change.vary
+                                if name in run.assembly.parameter_names and name not in elsewhere))
+    variables = list(dict.fromkeys(_variable(c) for c in candidates if c.change.vary))
+    sourced = SourcedRecord(experiment, run.record, folder, sources_of, varied)
     known = [known_of(free, values[free.name]) for free in experiment.free.values()]
-    model = sourced.about({n: v for n, v in values.items() if n in sourced.assembly.parameter_values}, known)
+    point = {n: v for n, v in values.items() if n in sourced.assembly.parameter_values}
+    sizes = {**sourced.assembly.parameter_values, **point}
+    model = sourced.about(point, [*known, *(Known(name, sizes[name], sizes[name], -np.inf, np.inf, False, False)
+                                            for name in varied)])
     weighted = np.zeros((len(vectors), *run.counts.shape))
     # the linear model divides each channel by one constant noise
     weighted[:, run.counts] = run.without_carried(vectors, run.counts) * (sourced.noise[:, None] / run.noise)[run.counts]
-    gradients = backward(model, weighted)
+    gradients = dict(zip((*sourced.nodes, *varied), backward(model, weighted, len(varied)), strict=True))
     local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
     flat = sourced.assembly.flat
     courses = {f"{node.name}.{member}": local[shared] for node in sourced.nodes.values()
                for member in (*node.domain.across, *node.domain.positions)
                if (index := flat.names.get(f"{node.name}.{member}")) is not None
                and (shared := flat.unknowns[index].name) in local}
-    return Adjoint(dict(zip(sourced.nodes, gradients, strict=True)), courses)
+    probe = Probe(model.result.assembly, [name for name in variables if name != "time"], si=True)
+    # the run has the middles between the samples as well
+    courses |= dict(zip(probe.names, probe.values(model.result)[:, ::2], strict=True)) | {"time": model.time}
+    return Adjoint(gradients, courses)
 
 
-def backward(model: LtvModel, vectors: Array) -> Array:
-    """Compute lambda (sources, V, N) for vectors (V, channels, N) in the channels of the linear model."""
-    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma  # columns of the free parameters removed
-    c, d = model.c[:, :, :phi.shape[1]], model.d
+def _variable(candidate: Candidate) -> str:
+    """The variable with which a parameter varies."""
+    (part,) = candidate.change.components.values()
+    return next(text.lstrip("= ") for text in part.values.values() if text.startswith("="))
+
+
+def backward(model: LtvModel, vectors: Array, varied: int = 0) -> Array:
+    """Compute lambda (sources + varied, V, N) for vectors (V, channels, N) in the channels of the linear model, with respect
+    to the sources and to the last `varied` parameters."""
+    n, at = model.phi.shape[1], model.phi.shape[2] - varied
+    phi, gamma = model.phi[:, :, :n], np.concatenate([model.gamma, model.phi[:, :, at:]], axis=2)
+    c, d = model.c[:, :, :n], np.concatenate([model.d, model.c[:, :, at:]], axis=2)
     count = len(model.time)
     gradients = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # single precision is sufficient for the sums
-    mu = np.zeros((len(vectors), phi.shape[1]))
+    mu = np.zeros((len(vectors), n))
     for k in range(count - 1, -1, -1):
         step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
         mu = vectors[:, :, k] @ c[k] + (mu @ phi[k] if k < count - 1 else 0.0)
         gradients[k] = vectors[:, :, k] @ d[k] + step + (mu @ gamma[k - 1] / 2 if k else 0.0)
+    if varied:  # the parameters determine the state in which the record begins
+        gradients[0, :, -varied:] += mu @ model.start[:, -varied:]
     return np.ascontiguousarray(gradients.transpose(2, 1, 0))
 
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The through variables of a component as formulas of the across variables and positions at its ports.
+    """The through variables of a component as formulas of the across variables and positions at its ports, or the factor of
+    a parameter as a formula of the variable with which the parameter varies.
 
     `tangents` maps (courses, parameters) to the derivatives (through, groups) of the through variables with respect to the
     amplitudes, and to the variables `seen`. Amplitudes of one unit form a group and move together. The motion of the
     variables `seen` gives the search ranges of shape parameters. `values` are the values of the parameters that are neither
-    amplitudes nor shapes.
+    amplitudes nor shapes; those of a factor depend on the candidate.
     """
 
     component: Component
@@ -248,7 +318,8 @@ class StaticLaw:
         """Build the formulas of a component. `media` maps component names to parts of the diagram, `values` are the
         parameter values of the diagram. None if the equations are not explicit formulas or a parameter has no value."""
         effect = component.effect
-        if effect is None or component.composite or component.when or component.signals:
+        factor = effect is not None and "parameter" in effect.attaches
+        if effect is None or component.composite or component.when or (component.signals and not factor):
             return None
         domains = {port.name: library.domains.get(port.domain) for port in component.ports.values()}
         formulas = {line.tree.left.text: line.tree.right for line in component.equations
@@ -256,9 +327,10 @@ class StaticLaw:
         if len(formulas) < len(component.equations) or None in domains.values():
             return None
         inputs = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
-                  for m in (*domain.across, *domain.positions)}
+                  for m in (*domain.across, *domain.positions)} | {name: ca.SX.sym(name) for name in component.signals}
         parameters = {name: ca.SX.sym(name) for name in component.parameters}
-        through = tuple(f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
+        through = (FACTOR,) if factor else tuple(
+            f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
         range_variables = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
         groups: dict[Dimension, list[ca.SX]] = {}
         for name in effect.amplitude:
@@ -311,17 +383,28 @@ def _no_name(text: str, name: Expr) -> ca.SX:
 
 def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
     """The prescores of one candidate. The list is empty if an amplitude has no neutral value, a number is held at the
-    motion, or a node is not a source of the linear model."""
+    motion, or a node or parameter is not a source of the linear model."""
     node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
-    places = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.through]
-    input_names = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
+
+    def at_node(name: str) -> str:
+        port, _, member = name.partition(".")
+        return f"{node.get(port, '')}.{member}"
+
+    if candidate.change.vary:
+        (part,) = candidate.change.components.values()
+        places, input_names, sign = list(candidate.change.vary), [_variable(candidate)], 1
+        fixed = {name: parse_quantity(text)[0] for name, text in part.values.items() if not text.startswith("=")}
+    else:
+        # a flow into the component is a flow out of the node
+        places, input_names = [at_node(name) for name in law.through], [at_node(name) for name in law.given]
+        sign, fixed = -1, {}
     if len(candidate.vanishing) < sum(n.amplitude for n in candidate.numbers) or any(
             n.sought is not None and n.sought.held for n in candidate.numbers) or not all(
             set(places) <= a.gradients.keys() and set(input_names) <= a.courses.keys() for a in adjoints):
         return []
     courses = [np.array([a.courses[name] for name in input_names]) for a in adjoints]
     short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
-    middle = {short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}
+    middle = {**{short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}, **fixed}
     # the motions as by `motion_ranges`, from the variables that the law shows in each record
     seen = dict(zip(law.seen, np.hstack([law.at(course, middle)[1] for course in courses]), strict=True))
     motions = {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
@@ -333,10 +416,9 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
     for shapes in points_within(candidate, motions):
         products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
         for adjoint, course in zip(adjoints, courses, strict=True):
-            tangents = law.at(course, {short[name]: value for name, value in shapes.items()})[0]
+            tangents = law.at(course, {**fixed, **{short[name]: value for name, value in shapes.items()}})[0]
             for k, place in enumerate(places):
-                # a flow into the component is a flow out of the node
-                products -= tangents[:, k] @ adjoint.gradients[place].T
+                products += sign * tangents[:, k] @ adjoint.gradients[place].T
         for group, amplitudes in zip(products, groups.values(), strict=True):
             sketch = group[1:1 + SKETCH]
             length = float(np.sqrt(np.mean(sketch**2)))

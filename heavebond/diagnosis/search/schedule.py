@@ -55,8 +55,9 @@ class RefitSchedule:
     postponed: list[str] = field(default_factory=list)
     whole: float = 0.0
 
-    def make(self, leading: Sequence[Job], remaining: Sequence[Job], until: float) -> bool:
-        """Refit the leading candidates. If none of them comes near the noise, refit the rest as well.
+    def make(self, leading: Sequence[Job], remaining: Callable[[], Sequence[Job]], until: float) -> bool:
+        """Refit the leading candidates. If none of them comes near the noise, refit the `remaining` ones as well, which are
+        determined then.
 
         Candidates with the largest scores are refitted first: compared with the best of them, inferior candidates are
         recognised after a few steps. If one of the first `REFITS` candidates explains most of the misfit, but its residual
@@ -64,7 +65,7 @@ class RefitSchedule:
         next step scores them on the residual, and each effect is searched again with the others in the diagram. `until` is a
         time of `time.perf_counter`. The result is true if all planned refits of the leading candidates were completed.
         """
-        guesses = {c.label: g for c, g in (*leading, *remaining)}
+        guesses = {c.label: g for c, g in leading}
         start = clock.perf_counter()
         last, whole = start + BEGINNING * (until - start), True
         for begin, end in ((0, FIRST), (FIRST, REFITS), (REFITS, len(leading))):
@@ -75,7 +76,9 @@ class RefitSchedule:
             whole &= self._begin(jobs, "", last)
             self._follow(self._hopeful(), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
-            self._begin(remaining, " others", last)
+            others = remaining()
+            guesses |= {c.label: g for c, g in others}
+            self._begin(others, " others", last)
             self._follow(self._hopeful(), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
             self._follow([t for t in self.trials.values() if not self._is_inferior(t)], guesses, until)
@@ -231,9 +234,9 @@ def _shapes(score: Score) -> tuple[list[float], int, int]:
     return list(score.shapes.values()), len(score.along), score.side
 
 
-def beyond_their_members(scores: Sequence[Score]) -> list[Score]:
+def beyond_their_members(scores: Sequence[Score], gains: Mapping[str, float]) -> list[Score]:
     """Remove laws at several places at once whose score is smaller than the average score of the same law at one of these
-    places.
+    places. `gains` are the gains of members without a score.
 
     If the effect acts at all these places, the residual is along the sum of the members' directions. The joint score is then
     the largest, as long as the tangent is accurate. If the effect acts at only one of two places with different directions,
@@ -242,5 +245,6 @@ def beyond_their_members(scores: Sequence[Score]) -> list[Score]:
     best: dict[str, float] = {}
     for score in scores:
         best[score.candidate.label] = max(score.gain, best.get(score.candidate.label, 0.0))
+    best = {**gains, **best}
     return [s for s in scores if not s.candidate.members or best[s.candidate.label] >=
             sum(best.get(member, 0.0) for member in s.candidate.members) / len(s.candidate.members)]

@@ -44,9 +44,9 @@ from heavebond.diagnosis.evidence.prediction import (
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.onset import onsets
-from heavebond.diagnosis.search.prescore import select
+from heavebond.diagnosis.search.prescore import select, select_variations
 from heavebond.diagnosis.search.refit import ANOTHER, Refit, bic, refitted_from
-from heavebond.diagnosis.search.schedule import NEEDED, RefitSchedule, beyond_their_members, planned, unexplained
+from heavebond.diagnosis.search.schedule import NEEDED, Job, RefitSchedule, beyond_their_members, planned, unexplained
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.diagnosis.search.workers import Workers
 from heavebond.equations.places import nodes_of
@@ -234,8 +234,7 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     if distant:
         say("scoring effects between all nodes to first order")
     prescored = select(base, proposed, [c for c in distant if c.label not in excluded], as_one)
-    proposed += prescored.selected
-    scores: list[Score] = []
+    proposed, scores, remaining = list(prescored.selected), list[Score](), list[Job]()
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
     with Workers(base, number) as workers:
@@ -245,18 +244,30 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
 
         refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {},
                                whole=base.cost if later else 0.0)
+        def others() -> list[Job]:
+            nonlocal proposed, scores, remaining, twins
+            if prescored.postponed:
+                of_postponed: list[Score] = []
+                _score(workers, prescored.postponed, of_postponed, say, until)
+                known.update(s.candidate.label for s in of_postponed)
+                proposed, scores = [*proposed, *prescored.postponed], [*scores, *of_postponed]
+                begun = {c.label for c, _ in leading}
+                first, rest, twins = planned(scores, as_one)
+                remaining = [job for job in (*first, *rest) if job[0].label not in begun]
+            return remaining
+
+        until = began + seconds
         try:
-            until = began + seconds
             scored_all = _score(workers, proposed, scores, say, began + SCORING * seconds)
             known = {s.candidate.label for s in scores}
-            scores = beyond_their_members(scores)
+            scores = beyond_their_members(scores, prescored.gains)
             tests = leftover(base, scores, prescored.scores)
             if tests.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 needed = NEEDED * max(float(base.r @ base.r) - len(base.r), 0.0) if later else 0.0
                 leading, remaining, twins = planned(scores, as_one, needed)
                 leading = leading[:most]
-                partial = not refits.make(leading, remaining if thorough else [], until) or not scored_all
+                partial = not refits.make(leading, others if thorough else list, until) or not scored_all
                 if varying is not None and not partial and unexplained(refits.trials.values()):
                     more, of_variations, weak = _variations(base, scores, varying, workers, say, until)
                     proposed, scores, excluded = [*proposed, *more], [*scores, *of_variations], excluded | weak
@@ -265,7 +276,7 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
                     promised = DECISION.mainly * float(base.r @ base.r) if later or refits.explained else 0.0
                     leading_variations = [job for job in jobs if job[0].label in {c.label for c in more}
                                           and max((score.gain for score in job[1]), default=0.0) >= promised]
-                    partial = not refits.make(leading_variations, [], until)
+                    partial = not refits.make(leading_variations, list, until)
                     leading = [*leading, *leading_variations]
                 say("comparing the best closely")
                 guesses = {c.label: g for c, g in (*leading, *remaining)}
@@ -308,6 +319,8 @@ def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate
     left_out = {f"variation of {name}" if not name.startswith("of ") else f"variation {name}": reason
                 for name, reason in varying.left_out.items()}
 
+    prescored = select_variations(base, added)
+    added, left_out = list(prescored.selected), {**left_out, **prescored.left_out}
     of_variations, of_onsets = list[Score](), list[Score]()
     _score(workers, added, of_variations, say, until)
     beginning = onsets(base, [*before, *of_variations])
