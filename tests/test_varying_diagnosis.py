@@ -88,6 +88,15 @@ def test_a_damper_that_is_weaker_in_compression_is_named_with_the_ratio_of_its_t
     assert any("times as large at positive damper.v as at negative damper.v" in word for word in diagnosis.words)
 
 
+def test_a_parameter_varies_with_a_recorded_variable_that_no_variable_of_its_part_follows(tmp_path):
+    """The damper knows only its speed, but its constant depends on the recorded position of the base."""
+    line = 'vary: {damper.d: "=1 + 0.7*min(max(base.x/(34 mm), -1), 1)"}\n'
+    diagnosis = found(records(tmp_path, (line, line)))
+    assert diagnosis.verdict == "effect" and diagnosis.findings[0].candidate.place == "of damper.d with shaker.u"
+    # the reference value of the variation is the middle of the motion of 33.6 mm; the interval of k is +- 0.02
+    assert diagnosis.findings[0].parameters[0].value == pytest.approx(0.7, abs=0.04)
+
+
 @pytest.mark.long
 def test_a_spring_that_breaks_is_named_with_the_time(tmp_path):
     line = 'vary: {spring.c: "=1 - 0.2*(1 + tanh((time - 12.3 s)/(0.05 s)))/2"}\n'

@@ -10,7 +10,7 @@ parameter influences the channels, and the variable changes. The reason for each
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,7 +48,8 @@ class VaryingConstants:
         equal to the accuracy of a score (1 %). Doubled distance to 1: fewer candidates.
     both: smallest share of the time that a variable must spend on either side of zero for two values by direction.
         Origin: each value needs some data. Doubled: one-sided motions have linear variations only.
-    variables: largest number of variables for one parameter. Origin: time of a search. Doubled: up to twice the scores.
+    variables: largest number of variables of the part, and of recorded variables, for one parameter. Origin: time of a
+        search. Doubled: up to twice the scores.
     inside: share of the duration at its beginning and end in which no change of a parameter is sought. Origin: at most a
         twentieth of the samples shows such a change. Doubled: later first changes.
     width: width of the transition of an onset, in half durations of the shortest record. Origin: half the spacing of the
@@ -59,8 +60,8 @@ class VaryingConstants:
         of it, to 1e-4. Doubled: the same.
     between: largest factor, up or down, on a fixed parameter in one record. Origin: a larger one means another machine.
         Doubled: a wider search.
-    most: largest number of candidates. Origin: the size of the remaining catalogue for a rig of ten parts. Doubled: twice
-        the time.
+    most: largest number of candidates. Origin: two seconds of first-order scores (`search.prescore`). Doubled: twice the
+        time.
     """
 
     seen: float = 5.0
@@ -72,7 +73,7 @@ class VaryingConstants:
     width: float = 0.005
     beyond: float = 0.025
     between: float = 5.0
-    most: int = 96
+    most: int = 300
 
 
 VARYING = VaryingConstants()
@@ -95,20 +96,23 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
     influence = _influence(problem, inner, left_out)
     if not forms or not influence:
         return Varying((), left_out)
-    leaves = runs[0].assembly.flat.expanded.leaves
+    flat = runs[0].assembly.flat
+    leaves = flat.expanded.leaves
     values = [problem.values_of(inner, run.record.name) for run in runs]
     names = {path: _variables(leaves[path], runs[0]) for path in dict.fromkeys(n.rpartition(".")[0] for n in influence)}
-    wanted = list(dict.fromkeys(name for listed in names.values() for name in listed))
+    channels = [o.shown.expr.text for o in problem.experiment.outputs.values() if isinstance(o.shown.expr, Name)]
+    recorded = [name for name in (*problem.experiment.inputs, *channels) if name in flat.names]
+    wanted = list(dict.fromkeys(name for listed in (*names.values(), recorded) for name in listed))
     courses = dict(zip(wanted, np.hstack([
         Probe(run.assembly, wanted, si=True).values(run.simulator.run(parameter_values))
         for run, parameter_values in zip(runs, values, strict=True)]), strict=True)) if wanted else {}
-    moving = {path: _moving({name: courses[name] for name in listed}) for path, listed in names.items()}
+    moving = {path: _moving(listed, recorded, courses) for path, listed in names.items()}
     begin = min(float(run.found.grid[0]) for run in runs)
     end = max(float(run.found.grid[-1]) for run in runs)
     variations: list[Candidate] = []
     for name in influence:
         path, _, key = name.rpartition(".")
-        units = {v: unit_of_variable(runs[0].assembly.flat, v) for v in moving[path]}
+        units = {v: unit_of_variable(flat, v) for v in moving[path]}
         for form in forms:
             assert form.effect is not None
             words, u = form.effect.varies_with, next(iter(form.signals))
@@ -118,7 +122,7 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
                 if "variable" in words or ("rate" in words and sides > VARYING.both):
                     span = float(course.min()), float(course.max())
                     variations.append(_candidate(form, leaves[path], key, variable, units[variable], span, u))
-            if {"time", "instant"} & set(words):
+            if _stores_or_dissipates(leaves[path]) and {"time", "instant"} & set(words):
                 variations.append(_candidate(form, leaves[path], key, "time", SECOND, (begin, end), u))
     variations = [c for c in variations if c.name not in model.body.instances]
     for k, candidate in enumerate(variations):  # the factors that the parameter already has in the diagram are kept
@@ -126,20 +130,27 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
                          and isinstance(setting.value, Value) else ()), *factors)
                 for name, factors in candidate.change.vary.items()}
         variations[k] = replace(candidate, change=replace(candidate.change, vary=vary))
-    independent = {*runs[0].assembly.parameter_names}
-    by_record = [_by_record(problem, leaves[name.rpartition(".")[0]], name) for name in influence if name in independent] \
-        if len(runs) > 1 else []
-    variations = [*by_record, *variations]
+    variations = [*(_each_record(problem, influence) if len(runs) > 1 else ()), *variations]
     left_out |= {c.place: "other parameters have a larger influence" for c in variations[VARYING.most:]}
     return Varying(tuple(variations[:VARYING.most]), left_out)
 
 
 def differing_parameters(problem: Residuals, inner: Array) -> tuple[Candidate, ...]:
     """Candidates that give an influential parameter a separate value for each record."""
-    leaves = problem.runs[0].assembly.flat.expanded.leaves
-    independent = {*problem.runs[0].assembly.parameter_names}
-    return tuple(_by_record(problem, leaves[name.rpartition(".")[0]], name) for name in _influence(problem, inner, {})
-                 if name in independent)
+    return _each_record(problem, _influence(problem, inner, {}))
+
+
+def _each_record(problem: Residuals, influence: Sequence[str]) -> tuple[Candidate, ...]:
+    """Candidates that give one of these parameters a separate value for each record."""
+    assembly = problem.runs[0].assembly
+    leaves, independent = assembly.flat.expanded.leaves, {*assembly.parameter_names}
+    return tuple(_by_record(problem, leaf, name) for name in influence
+                 if name in independent and _stores_or_dissipates(leaf := leaves[name.rpartition(".")[0]]))
+
+
+def _stores_or_dissipates(leaf: Leaf) -> bool:
+    """False for sources and signals: they may follow any course in time, and a variation in time would only copy it."""
+    return bool(leaf.component.ports) and leaf.component.power != "source"
 
 
 def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> list[str]:
@@ -152,10 +163,9 @@ def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> li
             name = f"{leaf.path}.{parameter.name}"
             source = _independent(name, leaf, independent)
             value = values.get(name, 0.0)
-            # a single physical number other than zero; not of signal components and sources
-            single = bool(leaf.component.ports) and not leaf.component.composite and not parameter.integer \
-                and not parameter.width and parameter.count is None and bool(np.isfinite(value)) \
-                and value not in (0.0, parameter.neutral) and leaf.component.power != "source"
+            # a single physical number other than zero
+            single = not leaf.component.composite and not parameter.integer and not parameter.width \
+                and parameter.count is None and bool(np.isfinite(value)) and value not in (0.0, parameter.neutral)
             if not source or not single:
                 continue
             if reason := fixed_because(leaf.component, parameter.name):
@@ -220,15 +230,18 @@ def unit_of_variable(flat: Flat, variable: str) -> Unit:
     return SECOND if variable == "time" else flat.unknowns[flat.names[variable.partition(" - ")[0]]].unit
 
 
-def _moving(courses: Mapping[str, Array]) -> list[str]:
-    """Select variables that change and are not strongly correlated with each other, at most `VARYING.variables`."""
+def _moving(of_part: Sequence[str], recorded: Sequence[str], courses: Mapping[str, Array]) -> list[str]:
+    """Select variables that change and are not strongly correlated with each other: at most `VARYING.variables` of the part,
+    and as many recorded ones."""
     selected: list[str] = []
-    for name, course in courses.items():
-        span, size = float(np.ptp(course)), float(np.abs(course).max())
-        if not np.isfinite(size) or not span > VARYING.steady * size or len(selected) == VARYING.variables:
-            continue
-        if all(abs(float(np.corrcoef(course, courses[earlier])[0, 1])) < VARYING.alike for earlier in selected):
-            selected.append(name)
+    for names in (of_part, recorded):
+        most = len(selected) + VARYING.variables
+        for name in names:
+            course = courses[name]
+            span, size = float(np.ptp(course)), float(np.abs(course).max())
+            if np.isfinite(size) and span > VARYING.steady * size and len(selected) < most and all(
+                    abs(float(np.corrcoef(course, courses[earlier])[0, 1])) < VARYING.alike for earlier in selected):
+                selected.append(name)
     return selected
 
 

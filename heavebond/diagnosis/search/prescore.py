@@ -56,7 +56,8 @@ from heavebond.numerics.result import Probe
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names
 
 SKETCH, RAW = 128, 8  # number of random vectors for |s_o| and for |s|; of |s| only the order of magnitude is needed
-EXACT = 200  # maximum number of exact scores of distant candidates; one takes about as long as a run of the records
+EXACT = 200  # maximum number of exact scores of distant candidates; one takes about as long as a run of the records,
+VARIATIONS = 48  # and of variations of parameters, whose forms and variables imitate each other
 VISIBLE = 4.0  # smallest gain, two standard deviations: a smaller one is not evidence
 RIGID = "its nodes move as one"
 SAME_MACHINE = "the same law at nodes that move with these is a candidate"
@@ -160,22 +161,22 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
 def select_variations(base: Base, variations: Sequence[Candidate]) -> Prescored:
     """Select the variations of parameters that need an exact score: those of parts for which one prescored gain is at least
     the share `PROMISING` of the largest gain, if their own gain is at least the share `AT_LEAST` of it, and those without a
-    prescore."""
+    prescore; at most `VARIATIONS` of either kind."""
     if len(variations) < REFITS:  # their exact scores take less time than the adjoint runs
         return Prescored(tuple(variations))
     try:
         scores, without = prescores(base, variations)
     except (HeavebondError, np.linalg.LinAlgError):
-        return Prescored(tuple(variations))
-    prescored = Prescored(scores=tuple(scores))
-    gains, of_part = prescored.gains, dict[object, float]()
+        scores, without = [], list(variations)
+    prescored, of_part = Prescored(scores=tuple(scores)), dict[object, float]()
+    gains = prescored.gains
     for p in scores:
         of_part[_family(p.candidate)] = max(p.gain, of_part.get(_family(p.candidate), 0.0))
     largest = max(gains.values(), default=0.0)
-    unknown = {c.label for c in without}
-    selected = [c for c in variations if c.label in unknown or (
-        of_part[_family(c)] >= PROMISING * largest and gains[c.label] >= AT_LEAST * largest)]
-    labels = {c.label for c in selected}
+    promising = sorted((c for c in variations if gains.get(c.label, 0.0) >= AT_LEAST * largest > 0
+                        and of_part[_family(c)] >= PROMISING * largest), key=lambda c: -gains[c.label])
+    labels = {c.label for c in (*promising[:VARIATIONS], *without[:VARIATIONS])}
+    selected = [c for c in variations if c.label in labels]
     return replace(prescored, selected=tuple(selected),
                    left_out={c.label: SMALL for c in variations if c.label not in labels})
 
