@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
+from base64 import b64encode
 from pathlib import Path
 
+import browser
 import pytest
 from click.testing import CliRunner
+from studio_pages import Server, server, tab
+from test_import_20sim import OWN
 
+import heavebond as hb
 from heavebond.cli import NAMES, main
-from heavebond.core.errors import UsageError
+from heavebond.core.errors import HeavebondError, UsageError
 from heavebond.core.writable import confined
 from heavebond.language.library import bundled
+from heavebond.studio.bench import imported
 from heavebond.studio.command_forms import COMMANDS, EXCLUDED, arguments, forms, run_command
+
+__all__ = ["server", "tab"]
 
 CAR = (bundled("models") / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
 LINE = "heavebond.cli:main"
@@ -53,6 +63,69 @@ def test_a_form_has_no_option_that_names_a_file_or_permits_execution() -> None:
         "--at=--output=/tmp/x", "--steady", "--set=a=1", "--set=b=2"]
 
 
+def test_a_model_of_another_program_is_imported_into_a_folder_of_its_own(tmp_path: Path) -> None:
+    content = b64encode(OWN.encode()).decode()
+    told = imported("../My model.emx", content, str(tmp_path))
+    assert told["name"].startswith("My_model/") and not told["placeholders"] and not told["untranslated"]
+    assert "Mass" in hb.load(tmp_path / told["name"]).body.instances
+    before = sorted(tmp_path.rglob("*"))
+    for name, text, code in (("My_model.emx", content, "file-exists"), ("other.emx", "bm90aGluZw==", "emx-xml"),
+                             ("other.slx", content, "import-suffix")):
+        with pytest.raises(HeavebondError) as error:
+            imported(name, text, str(tmp_path))
+        assert error.value.problems[0].code.startswith(code) and sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.long
+def test_a_model_is_imported_on_the_first_page(tab: browser.Tab, server: Server) -> None:
+    tab.go("about:blank")
+    tab.go(server.address)
+    tab.wait("Boolean(document.querySelector('#import-file'))")
+    tab.run(f"""(() => {{ const data = new DataTransfer(), chooser = document.querySelector("#import-file");
+        data.items.add(new File([{json.dumps(OWN)}], "pull.emx")); chooser.files = data.files;
+        chooser.dispatchEvent(new Event("change")); return 1; }})()""")
+    tab.wait("studio.document?.name.startsWith('pull/') && studio.view?.svg && studio.document.writable", 60)
+    assert tab.complaints == []
+
+
+@pytest.mark.long
+def test_a_command_follows_the_sliders_and_takes_values_with_semicolons(tab: browser.Tab, server: Server) -> None:
+    (server.folder / "swept.yaml").write_text(CAR, encoding="utf-8")
+    tab.go("about:blank")
+    tab.go(server.address + "#swept.yaml")
+    tab.wait("Boolean(studio.view?.svg)", 60)
+    tab.click("#analyse")
+
+    def choose(name: str, **values: str) -> None:
+        tab.wait("Boolean(document.querySelector('#command'))")
+        tab.run(f"""(() => {{ const box = document.getElementById("command"); box.value = "{name}";
+            box.dispatchEvent(new Event("change")); return 1; }})()""")
+        tab.wait(f"document.querySelector('#command')?.value === '{name}'")
+        tab.wait("document.querySelector('.command-options').open")
+        for option, value in values.items():
+            tab.run(f"""(() => {{ const box = document.getElementById("option-{option}"); box.value = {json.dumps(value)};
+                box.dispatchEvent(new Event("input")); return 1; }})()""")
+
+    done = "studio.evidence.jobs.state('command')?.state === 'done' && Boolean(document.querySelector('#printed'))"
+    choose("modes")
+    tab.click("#begin-command")
+    tab.wait(done, 60)
+    assert not tab.run("document.querySelector('.command-options').open")  # the result is seen without scrolling
+    first = tab.run("document.querySelector('#printed').textContent")
+    tab.run("studio.runs.setValue('damper.d', '3 kN*s/m'), 1")
+    tab.wait(f"{done} && document.querySelector('#printed').textContent !== {json.dumps(first)}", 60)
+    printed = CliRunner().invoke(main, ["modes", str(server.folder / "swept.yaml"), "--set", "damper.d=3 kN*s/m"]).output
+    assert tab.run("document.querySelector('#printed').textContent").split() == printed.split()
+    tab.run("studio.runs.setValues({}), 1")
+    tab.wait(f"{done} && document.querySelector('#printed').textContent === {json.dumps(first)}", 60)
+    choose("sweep", overs="damper.d=0.5 .. 3 kN*s/m; 3\nbody.m=300 kg, 320 kg", measures="rms(body.x) in mm")
+    tab.click("#begin-command")
+    tab.wait("studio.evidence.jobs.state('command')?.result?.command?.includes('sweep')", 60)
+    assert tab.run("document.querySelector('#printed').textContent").count("wrote") >= 3
+    assert tab.run("document.querySelectorAll('#evidence img').length") == 2  # the curves and the map of the sweep
+    assert tab.complaints == []
+
+
 def test_a_command_prints_what_it_prints_on_the_command_line(car: Path) -> None:
     with confined(car.parent):
         told = run_command(car, {"command_line": LINE, "command": "modes", "values": {"settings": ["damper.d=2 kN*s/m"]}},
@@ -72,7 +145,12 @@ def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Pat
                                   "values": {"inputs": ["road.u"], "outputs": ["body.x"]}}, car.parent)
         with pytest.raises(UsageError, match="unknown"):
             run_command(car, {"command_line": LINE, "command": "export", "format": "../x.c"}, car.parent)
+        swept = run_command(car, {"command_line": LINE, "command": "sweep", "values": {
+            "overs": ["damper.d=0.5 .. 3 kN*s/m; 2", "body.m=300 kg, 320 kg"], "measures": ["rms(body.x) in mm"]}},
+            car.parent)
     assert told["files"] == ["car.c"] and (car.parent / "car.c").is_file()
+    assert len(swept["pictures"]) == 2 and all("<svg" in p["svg"] for p in swept["pictures"])
+    shutil.rmtree(car.parent / "car_sweep")
     assert "<svg" in drawn["pictures"][0]["svg"] and str(car.parent) not in drawn["text"]
     assert sorted(p.name for p in car.parent.iterdir()) == ["car.c", "car.yaml"]
     assert sorted(p.name for p in car.parent.parent.iterdir()) == ["folder"]

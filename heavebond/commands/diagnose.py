@@ -117,10 +117,9 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
     """Raise UsageError for a class that no effect of the catalogue has in this diagram."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
-    from heavebond.diagnosis.candidates.catalogue import single_candidates
-    from heavebond.diagnosis.candidates.fixed_values import VALUE
+    from heavebond.diagnosis.candidates.fixed_values import classes_of
 
-    known = sorted({VALUE, *(c.kind for c in single_candidates(experiment))}) if classes else []
+    known = classes_of(experiment) if classes else []
     for name in classes:
         if name not in known:
             raise UsageError([Problem("class-unknown", f"no effect of class '{name}' fits in this diagram", None,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
 import warnings
-from base64 import b64encode
+from base64 import b64decode, b64encode
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,12 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problems, RunWarning
+from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning, UsageError
 from heavebond.core.presentation import readable_units
+from heavebond.core.writable import confined
 from heavebond.equations.connect import connect_as_far
 from heavebond.equations.expand import expand_as_far
 from heavebond.equations.expanded import Expanded
 from heavebond.estimation.experiment import Experiment, experiment_from_source
+from heavebond.imports.models import import_model
 from heavebond.language.definition import Instance
 from heavebond.language.model import Model, from_source
 from heavebond.language.power_terms import CREATED, power_problems, used
@@ -50,7 +54,15 @@ from heavebond.studio.contents import (
 )
 from heavebond.studio.difference import differences
 from heavebond.studio.edit_actions import edited
-from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
+from heavebond.studio.evidence import (
+    Evidence,
+    assembled,
+    experiment_entry,
+    files_of,
+    fitting_classes,
+    proposal,
+    written_experiment,
+)
 from heavebond.studio.job import Job
 from heavebond.studio.palette import component_entry, palette
 from heavebond.studio.sheet_edits import sheet_entry
@@ -219,6 +231,23 @@ class Thumbnails:
         return {"svg": svg}, None
 
 
+def imported(name: str, content: str, root: str) -> Entry:
+    """Import a model of another program, whose bytes are `content` in base64, into a new folder below `root`."""
+    stem = re.sub(r"\W+", "_", Path(name).stem, flags=re.ASCII).strip("_")[:60] or "imported"
+    folder = Path(root).resolve() / stem
+    if os.path.lexists(folder):
+        raise UsageError([Problem("file-exists", f"the folder {stem} exists already", None,
+                                  "Rename it, or rename the file that you import.")])
+    with tempfile.TemporaryDirectory(prefix="heavebond-") as scratch:
+        file = Path(scratch) / f"{stem}{Path(name).suffix.lower()}"
+        file.write_bytes(b64decode(content))
+        with confined(Path(root)):
+            model = import_model(file, folder)
+    name = model.path.resolve().relative_to(Path(root).resolve()).as_posix()
+    return {"name": name, "placeholders": list(model.placeholders),
+            "untranslated": [f"{u.submodel}, line {u.line}: {u.reason}" for u in model.untranslated]}
+
+
 # -- runs ------------------------------------------------------------------------------------------------------------
 class Bench:
     """Runs of one page: the assembly of the present text, and the latest results."""
@@ -342,6 +371,8 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
+            "classes": lambda job: (fitting_classes(job), None),
+            "import": lambda name, content, root: (imported(name, content, root), None),
             "thumbnail": thumbnails.thumbnail, "difference": lambda before, after: (compared(before, after), None),
             "palette": lambda job: (palette(Path(job.path).parent), None),
             "forms": lambda command_line: ({"forms": forms(command_line)}, None),

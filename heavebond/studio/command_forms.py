@@ -28,6 +28,7 @@ EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "ac
             "resume", "schema", "in_place")
 PERMISSION = "allow_"  # options that permit to execute what a file contains: the server has the permission, never the page
 FORMS = {"export": ("fmu", "c")}
+MOST_PICTURES, PICTURE_BYTES = 12, 4_000_000  # that are shown of a command
 SHORTEST, LONGEST = 1, 500  # characters of a value
 
 
@@ -116,6 +117,12 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
     command_text = " ".join(["heavebond", name, path.name,
                              *(f"'{g}'" if " " in g else g for g in words if scratch not in g)])
     printed = "\n".join(line for line in out.getvalue().splitlines() if scratch not in line)
+    pictures = [{"title": command_text, "svg": svg}] if svg else []
+    # those that the command wrote into a folder of its own
+    for line in re.findall(r"^wrote (.+\.svg)$", printed, re.MULTILINE)[:MOST_PICTURES]:
+        path = (folder / line).resolve()
+        if path.is_relative_to(folder.resolve()) and path.is_file() and path.stat().st_size < PICTURE_BYTES:
+            pictures.append({"title": line, "svg": path.read_text(encoding="utf-8")})
     return {"kind": "command", "command": command_text, "text": printed, "warnings": messages, "code": code,
-            "pictures": [{"title": command_text, "svg": svg}] if svg else [],
+            "pictures": pictures,
             "files": [written] if written and not code else []}

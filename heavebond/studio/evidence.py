@@ -47,6 +47,13 @@ def experiment_entry(experiment: Experiment) -> Entry:
                         "unit": f.range.unit.text} for name, f in experiment.free.items()}}
 
 
+def fitting_classes(job: Job) -> Entry:
+    """The classes of the effects that fit in the diagram of an experiment."""
+    from heavebond.diagnosis.candidates.fixed_values import classes_of
+
+    return {"classes": classes_of(read_experiment(job))}
+
+
 def files_of(experiment: Experiment) -> list[Path]:
     """Other files of an experiment: those that it extends, its diagram's, its records."""
     records = [path for r in experiment.records.values() for path in (

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.limits import FILE_BYTES
 from heavebond.core.writable import confined
 from heavebond.language.edits import with_values
 from heavebond.studio.diagram_edits import with_records
@@ -73,6 +74,14 @@ async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
     with confined(tab.folder.root):
         starter = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
     return "done", {"name": starter.diagrams[0].relative_to(folder.parent).as_posix()}, None
+
+
+async def _import(tab: Tab, message: dict[str, Any]) -> Answer:
+    """A model of another program, translated into a new folder of the opened folder."""
+    content = str(message["content"])
+    if len(content) > 4 * FILE_BYTES / 3 + 4:
+        raise UsageError([Problem("file-too-large", f"a model has at most {FILE_BYTES // 10**6} MB")])
+    return await tab.librarian.ask("import", str(message["name"]), content, str(tab.folder.root))
 
 
 async def _derive(tab: Tab, message: dict[str, Any]) -> Answer:
@@ -210,6 +219,7 @@ ASKED: dict[str, Handler] = {
     "palette": lambda tab, message: tab.librarian.ask("palette", tab.job({"text": "", **message})),
     "component": lambda tab, message: tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"])),
     "picture": lambda tab, message: tab.librarian.ask("picture", tab.job(message)),
+    "classes": lambda tab, message: tab.librarian.ask("classes", tab.job(message)),
     "compare": lambda tab, message: tab.runner.ask_newest("compare", tab.job(message)),
     "channel": lambda tab, message: tab.runner.ask("channel", tab.job(message), str(message["record"]),
                                                    str(message["channel"])),
@@ -219,7 +229,7 @@ ASKED: dict[str, Handler] = {
                                                     str(tab.folder.record(str(message["file"]))))}
 HANDLERS: dict[str, Handler] = {
     "home": _home, "list": _list, "difference": _difference, "open": _open,
-    "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
+    "new": _new, "copy": _copy, "import": _import, "derive": _derive, "write": _write, "save": _save,
     "thumbnail": _thumbnail, "view": _view, "forms": _forms, "stop": _stop, **ASKED,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
     "experiment": _experiment, "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -12,7 +12,14 @@ from __future__ import annotations
 from math import isfinite
 
 from heavebond.core.errors import listing
-from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, is_offset_or_gain, quantity, within
+from heavebond.diagnosis.candidates.catalogue import (
+    Candidate,
+    EffectNumber,
+    is_offset_or_gain,
+    quantity,
+    single_candidates,
+    within,
+)
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Value
@@ -20,6 +27,11 @@ from heavebond.language.edits import Change
 from heavebond.text.expression import names
 
 VALUE = "value of a parameter"
+
+
+def classes_of(experiment: Experiment) -> list[str]:
+    """The classes of the effects that fit in the diagram of an experiment, with the class of fixed values, by name."""
+    return sorted({VALUE, *(candidate.kind for candidate in single_candidates(experiment))})
 WIDE = 10.0  # largest factor, up or down, on the value in the diagram
 
 

@@ -14,21 +14,22 @@ export function commandForm(studio, all, state, running, begin) {
     const id = `option-${o.name}`, words = `${o.help}${o.required ? " Required." : ""}`;
     const field = o.kind === "flag" ? el("input", { type: "checkbox", id, checked: Boolean(kept[o.name]), onchange: (/** @type {any} */ e) => { kept[o.name] = e.target.checked; } })
       : o.kind === "choice" ? el("select", { id, onchange: (/** @type {any} */ e) => { kept[o.name] = e.target.value; } }, el("option", { value: "" }, "default"), ...o.choices.map((/** @type {string} */ c) => el("option", { value: c, selected: c === kept[o.name] }, c)))
-        : el("input", { id, class: "mono", value: kept[o.name] ?? "", placeholder: `${o.metavar}${o.several ? "; several apart by ;" : ""}`, spellcheck: "false", autocomplete: "off", required: o.required, oninput: (/** @type {any} */ e) => { kept[o.name] = e.target.value; } });
+        : el(o.several ? "textarea" : "input", { id, class: "mono", rows: o.several ? Math.max(1, String(kept[o.name] ?? "").split("\n").length) : null, value: kept[o.name] ?? "", placeholder: `${o.metavar}${o.several ? ", one in a line" : ""}`, spellcheck: "false", autocomplete: "off", required: o.required, oninput: (/** @type {any} */ e) => { kept[o.name] = e.target.value; } });
     return el("tr", {}, el("th", { scope: "row" }, el("label", { for: id }, o.flag.replace(/^-+/, ""))), el("td", { class: "words" }, field), el("td", { class: "words doc" }, words));
   };
   return [el("form", { id: "command-form", onsubmit: (/** @type {Event} */ event) => {
     event.preventDefault();
     if (running) return;
-    const values = Object.fromEntries(chosen.options.map((/** @type {any} */ o) => [o.name, o.several ? String(kept[o.name] ?? "").split(";").map((t) => t.trim()).filter(Boolean) : kept[o.name] ?? ""])
+    const values = Object.fromEntries(chosen.options.map((/** @type {any} */ o) => [o.name, o.several ? String(kept[o.name] ?? "").split("\n").map((t) => t.trim()).filter(Boolean) : kept[o.name] ?? ""])
       .filter((/** @type {any[]} */ [, value]) => value !== "" && value !== false && (!Array.isArray(value) || value.length)));
-    begin({ command: chosen.name, values, picture: chosen.picture && kept[" picture"] !== false, format: kept[" format"] ?? chosen.formats[0] ?? "" });
-  } }, el("div", { class: "choices" }, el("label", {}, "Analysis ", el("select", { id: "command", onchange: (/** @type {any} */ e) => { state.command = e.target.value; studio.evidence.show(); } },
+    begin({ settable: chosen.options.some((/** @type {any} */ o) => o.name === "settings"), command: chosen.name, values, picture: chosen.picture && kept[" picture"] !== false, format: kept[" format"] ?? chosen.formats[0] ?? "" });
+  } }, el("div", { class: "choices" }, el("label", {}, "Analysis ", el("select", { id: "command", onchange: (/** @type {any} */ e) => { state.command = e.target.value; state.closed = false; studio.evidence.show(); } },
     ...found.map((/** @type {any} */ c) => el("option", { value: c.name, selected: c === chosen }, `${c.name}: ${c.summary}`)))),
   chosen.picture && el("label", {}, el("input", { type: "checkbox", id: "command-picture", checked: kept[" picture"] !== false, onchange: (/** @type {any} */ e) => { kept[" picture"] = e.target.checked; } }), " picture"),
   chosen.formats.length > 0 && el("label", {}, "file ", el("select", { id: "command-format", onchange: (/** @type {any} */ e) => { kept[" format"] = e.target.value; } }, ...chosen.formats.map((/** @type {string} */ f) => el("option", { value: f, selected: f === kept[" format"] }, `.${f}`)))),
   el("button", { class: "main", id: "begin-command", disabled: running }, "Run it")),
-  el("div", { class: "scroll" }, el("table", { class: "options" }, el("tbody", {}, ...chosen.options.map(row)))))];
+  el("details", { class: "command-options", open: !state.closed, ontoggle: (/** @type {any} */ e) => { state.closed = !e.target.open; } }, el("summary", {}, "Options"),
+    el("div", { class: "scroll" }, el("table", { class: "options" }, el("tbody", {}, ...chosen.options.map(row))))))];
 }
 
 /** What a command printed. @param {any} result */

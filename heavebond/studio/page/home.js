@@ -14,6 +14,7 @@ export function showHome(studio, told) {
       return () => studio.open(made.name);
     }, "Make", templates);
   };
+  const chooser = /** @type {HTMLInputElement} */ (el("input", { id: "import-file", type: "file", accept: ".emx,.urdf", hidden: true, onchange: () => { const [file] = chooser.files ?? []; if (file) void importModel(studio, file); chooser.value = ""; } }));
   const drawings = new Drawings(studio);
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => {
     const cut = d.name.lastIndexOf("/") + 1;
@@ -28,13 +29,34 @@ export function showHome(studio, told) {
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
     el("h2", {}, "Diagrams in ", el("code", { title: told.folder }, told.folder.split("/").at(-1) || told.folder)), el("div", { class: "start" }, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"),
-      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("button", { id: "begin-tour", title: "The studio in three minutes, on the heave compensator", onclick: () => void studio.tour.begin() }, "Tour"), el("input", { id: "filter", type: "search", placeholder: "Find a diagram", "aria-label": "Find a diagram by name or summary", autocomplete: "off", oninput: (/** @type {any} */ event) => filter(event.target.value) })), own,
+      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("button", { id: "import", title: "Translate a 20-sim model (.emx) or a robot (.urdf) into a folder with a diagram and components", onclick: () => chooser.click() }, "Import…"), chooser,
+      el("button", { id: "begin-tour", title: "The studio in three minutes, on the heave compensator", onclick: () => void studio.tour.begin() }, "Tour"), el("input", { id: "filter", type: "search", placeholder: "Find a diagram", "aria-label": "Find a diagram by name or summary", autocomplete: "off", oninput: (/** @type {any} */ event) => filter(event.target.value) })), own,
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
     ...(components.length ? [el("h2", {}, "Components"), el("p", {}, "Parts of your own, for the diagrams in their folder."), cards(components)] : []),
     el("h2", {}, "Machines that come with heavebond"), el("p", {}, "Open and run them, or copy them into the folder."),
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all, drawings))));
 }
+
+/** A model of another program into the folder; what was not translated is listed. @param {any} studio @param {File} file */
+async function importModel(studio, file) {
+  try {
+    studio.banner([`Importing ${file.name}…`]);
+    const made = await studio.link.ask("import", { name: file.name, content: await base64(file) });
+    await studio.open(made.name);
+    if (made.untranslated.length) studio.banner([`Not translated: ${made.untranslated.join("; ")}.${made.placeholders.length ? ` ${made.placeholders.join(", ")}: components without a law, which you write.` : ""}`]);
+  } catch (error) {
+    studio.banner([error instanceof Error ? error.message : String(error)]);
+  }
+}
+
+/** The bytes of a file as text. @param {File} file @returns {Promise<string>} */
+const base64 = (file) => new Promise((done, failed) => {
+  const reader = new FileReader();
+  reader.onload = () => done(String(reader.result).split(",")[1] ?? "");
+  reader.onerror = () => failed(new Error(`${file.name} cannot be read`));
+  reader.readAsDataURL(file);
+});
 
 /** @type {Map<string, SVGElement>} the drawings as they were last, shown until the present ones are known */
 const last = new Map();

@@ -13,7 +13,7 @@ const KINDS = {
   diagnose: { title: "Identify the missing effect", words: "Adds each effect of the library at each place where it fits, estimates it together with the free parameters, and decides by the error on held-out records.", button: "Diagnose", command: "diagnose" },
   try: { title: "One effect tried by hand", words: "", button: "", command: "try" },
   study: { title: "Run the study", words: "Simulates, tunes and measures each case of the file. Completed cases are stored in a folder next to the file: after a stop, run the study again to continue.", button: "Run the study", command: "study" },
-  command: { title: "Analyses", words: "The other commands of the command line, applied to the saved file.", button: "Run it", command: "" },
+  command: { title: "Analyses", words: "The other commands of the command line, applied to the saved file with the values of the sliders; a slider that moves repeats the command.", button: "Run it", command: "" },
   tune: { title: "Tune parameters", words: "Minimises a cost over parameters within their ranges, by exact gradients.", button: "Tune", command: "tune" },
 };
 
@@ -21,7 +21,11 @@ export class Jobs {
   /** @type {Map<string, any>} */ known = new Map(); // computations of this document by their kind
   /** @type {Map<string, Promise<any>>} */ arrays = new Map();
   tuning = false; // whether the form for tuning is open
-  options = { classes: "", seconds: "600" };
+  /** @type {{classes: string[], seconds: string}} */ options = { classes: [], seconds: "600" };
+  /** @type {any} */ fitting = null; // classes of effects that fit in the diagram
+  /** @type {any} */ asked = null; // the command that was run last, without the values of sliders
+  pending = false; // whether it is repeated when it ends
+  commands = { command: "", values: {}, closed: false }; // of the forms
   /** @type {any} */ refused = null;
   /** @type {any} */ forms = undefined; // of the commands, by the kind of document
   reporting = false;
@@ -36,8 +40,8 @@ export class Jobs {
   }
 
   clear() {
-    Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: "", seconds: "600" }, refused: null, reporting: false, reported: "" });
-    this.commands = { command: "", values: {} }; // of the forms
+    Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: [], seconds: "600" }, fitting: null, asked: null, pending: false, refused: null, reporting: false, reported: "" });
+    this.commands = { command: "", values: {}, closed: false };
     this.loaded = false; // whether the server was asked how they stand
     clearInterval(this.clock);
   }
@@ -61,6 +65,7 @@ export class Jobs {
     const before = this.known.get(job.kind);
     if (before && before.number > job.number) return;
     this.known.set(job.kind, { ...job, at: performance.now() });
+    if (before?.state === "running" && job.state !== "running" && job.kind === "command" && this.pending) queueMicrotask(() => this.again());
     if (before?.state === "running" && job.state !== "running") {
       const title = KINDS[job.kind].title.toLowerCase();
       this.studio.say({ done: `${title}: done in ${duration(job.seconds)}`, failed: `${title}: failed`, stopped: `${title}: stopped` }[/** @type {string} */ (job.state)] ?? "");
@@ -160,7 +165,7 @@ export class Jobs {
       const running = Boolean(this.running);
       place.append(el("div", { class: "task" }, el("h2", {}, what.title), el("p", { class: "said" }, what.words,
         tab === "command" ? null : el("span", { class: "hint" }, " On the command line: ", el("code", {}, `heavebond ${what.command} ${this.studio.document.name.replace(/^bundled:/, "")}`))),
-      ...(tab === "command" ? commandForm(this.studio, this.forms, this.commands, running, (given) => this.begin("command", given)) : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
+      ...(tab === "command" ? commandForm(this.studio, this.forms, this.commands, running, (given) => this.command(given)) : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
       if (this.refused?.kind === tab || (tab === "diagnose" && this.refused?.kind === "try")) place.append(...problemList(this.refused.problems));
       if (!job) return;
       if (job.state === "running") place.append(this.progress(job));
@@ -171,14 +176,46 @@ export class Jobs {
     };
   }
 
+  /** The classes of effects that fit in the diagram, all or some of which are tried. */
+  classList() {
+    const words = () => this.options.classes.length ? `only ${this.options.classes.join(", ")}` : "effects of all classes", summary = el("summary", { id: "only" }, words());
+    const box = (/** @type {string} */ name) => el("label", {}, el("input", { type: "checkbox", name: "class", value: name, checked: this.options.classes.includes(name), onchange: (/** @type {any} */ e) => {
+      this.options.classes = this.fitting.filter((/** @type {string} */ c) => c === name ? e.target.checked : this.options.classes.includes(c));
+      summary.textContent = words();
+    } }), ` ${name}`);
+    const list = el("div", { class: "class-list" }, ...(this.fitting ?? []).map(box));
+    return el("details", { class: "classes", ontoggle: async (/** @type {any} */ e) => {
+      if (!e.target.open || list.childElementCount) return;
+      list.replaceChildren("listing the effects that fit…");
+      const told = await this.studio.link.ask("classes", this.evidence.question()).catch((/** @type {any} */ error) => ({ error }));
+      this.fitting = told.classes ?? null;
+      list.replaceChildren(...(told.classes ? told.classes.map(box) : [told.error?.message ?? "not available"]));
+    } }, summary, list);
+  }
+
+  /** A command with the values of the sliders. @param {any} given */
+  command(given) {
+    this.asked = given;
+    this.commands.closed = true;
+    const sliders = Object.entries(this.studio.runs.values).map(([path, value]) => `${path}=${value}`);
+    return this.begin("command", sliders.length && given.settable ? { ...given, values: { ...given.values, settings: [...(given.values.settings ?? []), ...sliders] } } : given);
+  }
+
+  /** A slider has moved: run the command that is shown again. */
+  again() {
+    if (this.evidence.place.hidden || this.evidence.tab !== "command" || !this.asked?.settable) return;
+    this.pending = Boolean(this.running);
+    if (!this.pending) void this.command(this.asked);
+  }
+
   /** @param {string} tab @param {any} what @param {boolean} running */
   form(tab, what, running) {
-    const go = () => this.begin(tab, tab === "diagnose" ? { seconds: Number(this.options.seconds) || 600, classes: this.options.classes.split(",").map((c) => c.trim()).filter(Boolean) } : {});
+    const go = () => this.begin(tab, tab === "diagnose" ? { seconds: Number(this.options.seconds) || 600, classes: this.options.classes } : {});
     const nothing = tab === "fit" && !Object.keys(this.studio.view?.experiment?.free ?? {}).length;
     return el("form", { class: "choices", onsubmit: (/** @type {Event} */ event) => { event.preventDefault(); if (!running && !nothing) void go(); } },
       el("button", { class: "main", id: `begin-${tab}`, disabled: running || nothing }, what.button),
       ...(tab === "diagnose" ? [
-        el("label", {}, "only effects of class ", el("input", { id: "only", placeholder: "all", value: this.options.classes, title: "such as dry friction; several apart by commas", oninput: (/** @type {any} */ e) => { this.options.classes = e.target.value; } })),
+        this.classList(),
         el("label", {}, "for at most ", el("input", { id: "seconds", class: "short", inputmode: "numeric", value: this.options.seconds, oninput: (/** @type {any} */ e) => { this.options.seconds = e.target.value; } }), " s")] : []),
       nothing ? this.howToFree() : null);
   }

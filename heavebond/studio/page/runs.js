@@ -47,6 +47,7 @@ export class Runs {
     this.studio.panel.show();
     if (this.studio.evidence.active) void this.studio.evidence.follow();
     else if (this.live) void this.run();
+    this.studio.evidence.jobs.again();
   }
 
   /** The values of the sliders into the text, one step for undo. */
