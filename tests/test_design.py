@@ -317,6 +317,49 @@ def test_a_design_whose_measured_value_contains_a_derivative_of_the_command_is_r
         hb.design_lqg(hb.loads(text), "observer", {"cart.x": "10 mm"}, [1], {"command.y": 1}, [1e-3])
 
 
+TANK = """model: tank
+components:
+  target:  {is: Constant, k: 1 m}
+  control: {is: DiscretePID, K_p: 0.02 m**2/s, K_i: 0.0002 m**2/s**2, y_min: 0 m**3/s, y_max: 20 L/s, T_s: 1 s, u: =tank.h}
+  valve:   {is: FirstOrderLag, T_1: 3 s}
+  inflow:  {is: FlowSource}
+  tank:    {is: OpenTank, A: 2 m**2}
+  outlet:  {is: Orifice, q_r: 5 L/s, dp_r: 0.1 bar, dp_t: 1 Pa}
+  drain:   {is: Tank}
+nodes:
+  inlet: [tank.a, inflow.a]
+  bottom: [tank.b, outlet.a]
+  away: [outlet.b, drain.a]
+  r: [target.y, control.r]
+  u: [control.y, valve.u]
+  q: [valve.y, inflow.u]
+initial: {tank.h: 1 m, valve.y: 0 L/s}
+simulate: {until: 300 s, every: 1 s}
+"""
+
+
+def test_gains_at_an_operating_point_that_the_gains_reach(tmp_path: Path) -> None:
+    """A sampled PI of the level of a tank: without the integral gain, the command at rest would be another one. The margins
+    are those of python-control for the linearised tank."""
+    control = pytest.importorskip("control")
+    file = tmp_path / "tank.yaml"
+    file.write_text(TANK, encoding="utf-8")
+    words = ["design", str(file), "--loop", "control.y", "--free", "control.K_p,control.K_i", "--crossover", "0.02 Hz",
+             "--phase-margin", "60 deg", "--in-place"]
+    run = CliRunner().invoke(main, words)
+    assert run.exit_code == 2 and "command is at its limit" in " ".join(run.output.split())  # 0 at the start
+    run = CliRunner().invoke(main, [*words, "--at", "3000 s"])
+    assert run.exit_code == 0, run.output
+    assert "m**2/s**2" in file.read_text(encoding="utf-8") and "J/kg" not in run.output  # the units of the diagram
+    found = hb.load(file).body.instances["control"].settings
+    k_p, k_i = (float(found[name].text.split()[0]) for name in ("K_p", "K_i"))
+    flow = 5e-3 * np.sqrt(1000 * 9.81 / 1e4)
+    step = control.sample_system(control.ss([[-1 / 3, 0], [1 / 2, -flow / 4]], [[1 / 3], [0]], [[0, 1]], 0), 1.0)
+    loop = control.tf(step) * (k_p + k_i * control.tf([1], [1, -1], 1.0))
+    value = complex(loop(np.exp(2j * np.pi * 0.02)))
+    assert value == pytest.approx(np.exp(1j * (np.radians(60) - np.pi)), abs=1e-4)
+
+
 PUSHED_CART = """model: cart
 components:
   control: BLOCK

@@ -143,7 +143,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         elif loop is not None:
             items, values, figures = _loop(diagram, loop, listed(free), lead, notch, crossover, bandwidth, phase_margin, at,
                                            overs)
-            texts = {name: units[name].written(value) for name, value in values.items()}
+            texts = {name: diagram.written(name, value, units[name]) for name, value in values.items()}
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
         else:
@@ -152,9 +152,9 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     if figures.get("verdict") == UNSTABLE:
         problem = ModelError([Problem(
             "design-unstable", "the closed loop with the designed values is unstable; nothing is written", None,
-            "Lower the crossover, or give a larger phase margin. If the machine reverses the sign of the command, reverse "
-            "it in the diagram: the gains of a design are positive." if loop is not None else
-            "Sample faster, or give larger sizes under --weigh and --noise.")])
+            "Lower the crossover, give a larger phase margin, or put a NotchFilter at the growing mode (--notch). If the "
+            "machine reverses the sign of the command, reverse it in the diagram: the gains of a design are positive."
+            if loop is not None else "Sample faster, or give larger sizes under --weigh and --noise.")])
         problem.figures = {"model": diagram.name, **figures, "values": texts, "files": []}
         raise problem
     files = _written(diagram, Path(model), texts, settings_of("--set", settings), written, in_place)

@@ -14,6 +14,7 @@ from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Pr
 from heavebond.core.native_permission import native_code
 from heavebond.core.presentation import brief, count
 from heavebond.core.quantities import number_or_text
+from heavebond.core.units import Unit
 from heavebond.language import reading
 from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, ViewShape, Wire
 from heavebond.language.layout import read_layout
@@ -116,6 +117,13 @@ class Model:
             else:
                 conditions[name] = Condition(name, value, False, place)
         return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
+
+    def written(self, path: str, number: float, unit: Unit) -> str:
+        """The text of a value of a parameter in SI: in the unit that the diagram writes for it, or in `unit`."""
+        value = self._value_in_diagram(path)
+        in_diagram = value.expr.unit if isinstance(value, Value) and isinstance(value.expr, Number) else None
+        fitting = in_diagram is not None and in_diagram.dimension == unit.dimension
+        return (in_diagram if in_diagram is not None and fitting else unit).written(number)
 
     def _value_in_diagram(self, path: str) -> Value | FileInput | None:
         """The value that the diagram gives to a parameter of one of its parts."""

@@ -30,6 +30,7 @@ from heavebond.linear.stability import Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import signal_expression
+from heavebond.numerics.start_equations import Point
 
 HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
 FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
@@ -98,8 +99,9 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
     `signal` is the one at which the loop is cut. `free` are one to three gains in the order proportional, integral or
     derivative; or proportional, integral, derivative.
     The crossover alone determines one gain. Frequencies are in Hz or text (`"2 Hz"`), `phase_margin` is in degrees or
-    text. `at` is the operating point of `loop_margins`. The margins are also computed for the `points`, which are values of
-    parameters by name. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
+    text. `at` is the operating point of `loop_margins`, with the gains of the diagram. The margins are also computed for
+    the `points`, which are values of parameters by name. Raises UsageError if the loop is not linear in the gains, or if no
+    gains reach the values.
     """
     return _gains_of(loaded(model), signal, {name: [name] for name in free}, crossover, bandwidth, phase_margin, at, points)
 
@@ -115,7 +117,8 @@ def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], cr
     known = state_spaces.points.assembly.parameter_values
     state_spaces.points.assembly.parameter_indices([parameter for each in tied.values() for parameter in each])
     sizes = [known[each[0]] or 1.0 for each in tied.values()]
-    singles = [_single(state_spaces, tied, name, size) for name, size in zip(names, sizes, strict=True)]
+    point = state_spaces.points.at()
+    singles = [_single(state_spaces, point, tied, name, size) for name, size in zip(names, sizes, strict=True)]
 
     def gains_at(frequency: float) -> Array:
         parts = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
@@ -127,7 +130,7 @@ def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], cr
         frequency = _crossover_for(frequency, lambda crossover: complex(np.dot(gains_at(crossover), band)))
     gains = gains_at(frequency)
     values = {parameter: gain for each, gain in zip(tied.values(), gains.tolist(), strict=True) for parameter in each}
-    closed = state_spaces.at(values)
+    closed = state_spaces.at(values, point)
     loop = open_loop(closed)
     expected = sum(gain * single.response(2j * np.pi * frequency)[0, 0, 0] / size
                    for gain, single, size in zip(gains, singles, sizes, strict=True))
@@ -135,16 +138,18 @@ def _gains_of(diagram: Model, signal: str, tied: Mapping[str, Sequence[str]], cr
     if not abs(value - expected) <= DESIGN.linear * max(abs(value), 1.0):
         raise UsageError([Problem("design-not-linear", f"the loop through '{signal}' is not a linear function of "
                                   f"{listing(names)}", None, "Name the gains of one controller in this loop; other "
-                                  "parameters are tuned by `heavebond tune`.")])
+                                  "parameters are tuned by `heavebond tune`. If a command is at its limit, take an "
+                                  "operating point within the limits (initial values, or --at).")])
     return _designed(diagram, signal, values, loop, closed.stability(), frequency, at, points)
 
 
-def _single(state_spaces: StateSpaces, tied: Mapping[str, Sequence[str]], name: str, size: float) -> StateSpace:
-    """The open loop with one of the free gains, the others 0."""
+def _single(state_spaces: StateSpaces, point: Point, tied: Mapping[str, Sequence[str]], name: str, size: float
+            ) -> StateSpace:
+    """The open loop with one of the free gains, the others 0, at the operating point of the diagram."""
     names = list(tied)
     try:
         return open_loop(state_spaces.at({parameter: size if gain == name else 0.0
-                                          for gain, each in tied.items() for parameter in each}))
+                                          for gain, each in tied.items() for parameter in each}, point))
     except UsageError as error:
         if error.problems[0].code != "loop-none" or len(names) == 1:
             raise
@@ -300,7 +305,8 @@ def design_lead(model: ModelOrFile, signal: str, block: str, *, crossover: float
     _check_gains(names[:2], crossover, bandwidth, phase_margin)
     margin = _margin(phase_margin)
     state_spaces = _loops_through(diagram, signal, block, names, "LeadLag", at)
-    plain = open_loop(state_spaces.at(dict(zip(names, (1.0, 1.0, 1.0), strict=True))))
+    point = state_spaces.points.at()
+    plain = open_loop(state_spaces.at(dict(zip(names, (1.0, 1.0, 1.0), strict=True)), point))
     subject, frequency = _prescribed(crossover, bandwidth, plain.highest)
     target = np.exp(1j * (margin - np.pi))
 
@@ -335,7 +341,7 @@ def design_lead(model: ModelOrFile, signal: str, block: str, *, crossover: float
     factor = target / open_response(frequency)
     for _ in range(ROUNDS):  # between samplers the block is not a factor of the loop
         values = dict(zip(names, compensator(frequency, factor).tolist(), strict=True))
-        closed = state_spaces.at(values)
+        closed = state_spaces.at(values, point)
         loop = open_loop(closed)
         value = complex(loop.response(2j * np.pi * frequency)[0, 0, 0])
         if abs(value / target - 1) < DESIGN.linear:
@@ -361,7 +367,8 @@ def design_notch(model: ModelOrFile, signal: str, block: str, *, at: Time | None
     names = [f"{block}.{name}" for name in ("f_n", "zeta_z", "zeta_p")]
     state_spaces = _loops_through(diagram, signal, block, names, "NotchFilter", at)
     width = state_spaces.points.assembly.parameter_values[names[2]]
-    closed = state_spaces.at({names[1]: width})
+    point = state_spaces.points.at()
+    closed = state_spaces.at({names[1]: width}, point)
     plain = open_loop(closed)
     before = crossings(plain, closed.stability())
     limit = before.least_gain if before.unstable else before.gain_up
@@ -381,7 +388,7 @@ def design_notch(model: ModelOrFile, signal: str, block: str, *, at: Time | None
                                   "Design a lead (--lead) or the gains (--free) instead.")])
     mode, ratio = min(near, key=lambda entry: abs(np.log(entry[0] / limit.frequency)))
     values = {names[0]: mode, names[1]: max(ratio, 0.0)}
-    closed = state_spaces.at(values)
+    closed = state_spaces.at(values, point)
     loop, stability = open_loop(closed), closed.stability()
     after = crossings(loop, stability)
     if after.unstable or (after.gain_up is not None and not before.unstable and after.gain_up.value <= limit.value):

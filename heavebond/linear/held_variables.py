@@ -120,7 +120,7 @@ class HeldVariable:
         if self.state:
             return "the samples that set this state are left out"
         if self.sampled:
-            return "set at given times, which the linear system does not contain"
+            return "set at given times, but irregularly, in steps, or by a law that is constant here, as at a limit"
         return "at its threshold, where the smallest motion may change it" if self.at_threshold else \
             "does not switch in the linear system; for another state take a moment by --at"
 

@@ -470,9 +470,11 @@ class StateSpaces:
         self._shown = tuple(show[name].unit if name in show else unit
                             for name, unit in zip(self.outputs, self._units[2], strict=True))
 
-    def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
-        """The linear system with these parameters set."""
-        point = self.points.at(parameters)
+    def at(self, parameters: Mapping[str, float | str] | None = None, point: Point | None = None) -> StateSpace:
+        """The linear system with these parameters set, at the operating point of the diagram with them or at the states of
+        another `point`."""
+        fixed = point is not None
+        point = self.points.at(parameters) if point is None else self.points.changed(point, parameters or {})
         linear, updates = self._linearisation.continuous(point)
         sampled = 2 * updates.number if updates is not None else 0
         n, k, delayed = len(linear.states), len(linear.c), len(self._given)
@@ -500,7 +502,8 @@ class StateSpaces:
         if updates is None:
             exact = None
             if self._exact is not None:
-                around, flat = self._exact.at(parameters), self._exact.points.assembly.flat
+                around = self._exact.at(parameters, self._exact.points.at() if fixed else None)
+                flat = self._exact.points.assembly.flat
                 exact = DelayedSystem(around, np.array(flat.delay_lengths(around.point.p)).ravel()[:len(flat.delays)])
             return StateSpace(linear.states, self.inputs, self.outputs, self._units, linear.a, b_0, linear.c, d_all[0],
                               d_all[1:3], linear.sizes, point, self._shown, linear.rigid, linear.held, exact)

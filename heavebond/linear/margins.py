@@ -169,8 +169,9 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
     if sampled := [h for h in within if h.sampled or h.at_threshold]:
         raise UsageError([Problem(
             "loop-held", f"the loop through '{name}' contains {sampled[0].label}, which the linear system holds constant: "
-            "its margins cannot be computed", sampled[0].place, "Replace it by its continuous law (for a sample and hold a "
-            "Delay of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
+            "its margins cannot be computed", sampled[0].place, "If it is a command at its limit, take an operating point "
+            "within the limits (initial values, or --at). Otherwise replace it by its continuous law (for a sample and hold "
+            "a Delay of half a period), or tune and simulate the sampled loop.", tuple(h.text for h in sampled))])
     if closed.hybrid is not None:
         return opened(closed, cut_at(closed.hybrid, name, MARGINS.uncut), name, f"{CUT}{name}", dead_time)
     if not closed.proper or abs(d) < MARGINS.uncut:

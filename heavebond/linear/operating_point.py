@@ -147,6 +147,17 @@ class OperatingPoints:
                            start_point(start(replace(assembly, p=p), self.begin, u, self.equations), u))
         return first
 
+    def changed(self, point: Point, parameters: Mapping[str, float | str]) -> Point:
+        """The point with other parameters at the same states and held variables, with its algebraic unknowns solved again;
+        the point of the diagram with these parameters if they have no solution near the former one."""
+        assembly = self.assembly.with_parameters(parameters)
+        if self.assembly.flat.zeros and assembly.flat is not self.assembly.flat:
+            raise other_states(self.assembly)
+        other = assembly.p != self.assembly.p
+        moved = _solved(assembly, self.equations, replace(point, p=np.where(other, assembly.p, point.p)))
+        change = np.abs(_solved(assembly, self.equations, moved, 1).z - moved.z)
+        return moved if (change <= 1e-9 * (np.abs(moved.z) + assembly.z_nominal)).all() else self.at(parameters)
+
     def _with_constant_delays(self, point: Point) -> Point:
         """A point of a run with its inputs expanded about its time, and delayed variables as they are there."""
         flat, rows = self.assembly.flat, measured_rows(self.assembly.flat)
@@ -208,9 +219,13 @@ def _begun_at(u: Array, t: float) -> Array:
 
 
 def _still(assembly: Assembly, equations: StartEquations, point: Point) -> Point:
-    """The point with the time rate 0: its algebraic unknowns are solved again by Newton's method."""
-    point = replace(point, rate=0.0)
-    for _ in range(MOST_STEPS if len(point.z) else 0):
+    """The point with the time rate 0."""
+    return _solved(assembly, equations, replace(point, rate=0.0))
+
+
+def _solved(assembly: Assembly, equations: StartEquations, point: Point, steps: int = MOST_STEPS) -> Point:
+    """The point with its algebraic unknowns solved again by Newton's method."""
+    for _ in range(steps if len(point.z) else 0):
         residual, jacobian = equations.algebraic.at(point)
         step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
         point = replace(point, z=point.z - step)

@@ -179,7 +179,7 @@ def design_items(model: Model, result: LoopDesign) -> list[Item]:
     """The designed gains with the former ones, and the margins at each operating point."""
     assembly = assemble(model)
     units = {q.name: q.unit for q in assembly.flat.parameters}
-    gains = [(name, units[name].written(assembly.parameter_values[name]), units[name].written(value))
+    gains = [(name, *(model.written(name, each, units[name]) for each in (assembly.parameter_values[name], value)))
              for name, value in result.values.items()]
     band = f", bandwidth {number(result.bandwidth, 4)} Hz" if result.bandwidth == result.bandwidth else ""
     return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
