@@ -13,6 +13,8 @@ import pytest
 
 from heavebond.diagnosis.search.schedule import FIRST, REFITS, RefitSchedule, planned
 from heavebond.diagnosis.search.scoring import Score
+from heavebond.diagnosis.search.step import make_stage
+from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000
@@ -147,3 +149,14 @@ def test_one_of_the_rest_that_explains_spares_all_others() -> None:
 @pytest.mark.parametrize("seconds", [-1.0, 0.0])
 def test_where_time_is_over_nothing_is_begun(seconds: float) -> None:
     assert made(Workers({"a": (3.0, 1.0)}), "a", "", seconds) == (False, {})
+
+
+def test_a_step_that_ends_before_its_refits_knows_the_equivalent_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer that ends early would otherwise name one of two equal laws only."""
+    def ended(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RefitSchedule, "make", ended)
+    stage = make_stage(load_experiment("cylinder_rig/leakage"), number=1, classes=("internal leakage", "leakage"))
+    assert stage.partial and not stage.trials
+    assert "LaminarLeakage between chamber_a and chamber_b" in stage.twins["Cylinder in cylinder (leakage)"]

@@ -289,7 +289,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
                     twins = {label: group for label, group in same.items() if group}
         except KeyboardInterrupt:
             clear_signal()
-            partial, tests, twins = True, leftover(base, scores, prescored.scores), {}
+            partial, tests = True, leftover(base, scores, prescored.scores)
+            twins = twins or planned(scores, as_one)[2]
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
     if not always or len(proposed) > 1:

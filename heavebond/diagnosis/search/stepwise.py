@@ -55,6 +55,7 @@ from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, refitted_from
 from heavebond.diagnosis.search.step import (
+    EARNED,
     Stage,
     at_values_of,
     choosing,
@@ -230,8 +231,12 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
     """
     last = stepping(experiment, ())
     yield (), replace(last, chosen=None, cluster=(), partial=True)
-    if last.chosen is not None and last.chosen.absent and not last.partial:  # a wrong local minimum of the free parameters
-        last = stepping(at_values_of(last.chosen, experiment), ())
+    if last.chosen is not None and last.chosen.absent and not last.partial:
+        # the step began at a wrong local minimum of the free parameters, unless the effect seems absent because another of
+        # its numbers and a free parameter act alike
+        moved = at_values_of(last.chosen, experiment)
+        if fitted_base(moved).cost < last.cost - EARNED * max(1.0, last.cost / last.samples):
+            last = stepping(moved, ())
     base, selections = last.merit, _extended((), last)
     yield (selections[0] if selections else ()), last
     pairs, joint = list[Selection](), tuple[Refit, ...]()
