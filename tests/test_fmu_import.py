@@ -79,7 +79,7 @@ def make_fmu(path: Path, description: str) -> Path:
         archive.writestr("modelDescription.xml", description)
         if COMPILER:
             library = path.with_suffix(".so")
-            version = ["-DFMI3"] if description is FMI3 else []
+            version = ["-DFMI3"] if 'fmiVersion="3.0"' in description else []
             subprocess.run([COMPILER, "-std=c99", "-shared", "-fPIC", *version, str(SOURCE), "-o", str(library)], check=True)
             for name in (folder, f"{'darwin' if sys.platform == 'darwin' else 'linux'}64"):
                 archive.write(library, f"binaries/{name}/controller{suffix}")
@@ -218,20 +218,44 @@ def test_an_fmu_that_asks_for_the_end_ends_the_run_with_its_results(rig: Path) -
     '<String name="label" valueReference="9" causality="input" start="a"/>',
     '<Binary name="label" valueReference="9" causality="input"/>',
     '<Clock name="label" valueReference="9" causality="input"/>',
-    '<Float64 name="label" valueReference="9" causality="input" start="1 2"><Dimension start="2"/></Float64>'])
-def test_variables_that_are_no_numbers_keep_their_start_values(extra: str, tmp_path: Path) -> None:
-    make_fmu(tmp_path / "controller.fmu", FMI3)
-    with zipfile.ZipFile(tmp_path / "controller.fmu") as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    files["modelDescription.xml"] = FMI3.replace("</ModelVariables>", extra + "</ModelVariables>").encode()
-    with zipfile.ZipFile(tmp_path / "controller.fmu", "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
+    '<Float64 name="label" valueReference="9" causality="input" start="1"><Dimension start="100"/><Dimension start="90"/>'
+    "</Float64>"])
+def test_variables_that_are_no_numbers_or_too_many_keep_their_start_values(extra: str, tmp_path: Path) -> None:
+    make_fmu(tmp_path / "controller.fmu", FMI3.replace("</ModelVariables>", extra + "</ModelVariables>"))
     model = hb.loads(RIG, tmp_path)
     component = model.library.component("controller.fmu")
     assert "label" not in component.signals
     assert "label keeps its start value" in component.restrictions
     assert hb.simulate(model, until=0.2, allow_fmu=True)["controller.count"][-1] == 5
+
+
+ARRAYS = """<UInt64 name="n" valueReference="8" causality="structuralParameter" variability="fixed" start="3"/>
+<Float64 name="weights" valueReference="5" causality="input" unit="mm" start="1 2 3"><Dimension valueReference="8"/>
+</Float64><Float64 name="scales" valueReference="6" causality="parameter" variability="fixed" start="10">
+<Dimension start="2"/></Float64><Float64 name="table" valueReference="7" causality="output" unit="mm">
+<Dimension start="2"/><Dimension valueReference="8"/></Float64></ModelVariables>"""
+
+
+@compiled
+@pytest.mark.parametrize("used", [False, True])
+def test_the_elements_of_arrays_are_variables(used: bool, tmp_path: Path) -> None:
+    """The table is the product of scales and weights, in the unit mm, one step late; unused elements keep their start
+    values, and one start value is that of all elements."""
+    make_fmu(tmp_path / "controller.fmu", FMI3.replace("</ModelVariables>", ARRAYS))
+    text = RIG.replace("in_2: 1}", "in_2: 1, scales_2: 100}").replace("  gauge: [", "  gauge: [controller.weights_2, ")
+    text = text if used else RIG
+    model = hb.loads(text, tmp_path)
+    component = model.library.component("controller.fmu")
+    assert component.parameters["scales_2"].doc == "scales[2]"
+    assert [name for name in component.signals if "_" in name and name != "in_2"] == [
+        "weights_1", "weights_2", "weights_3", *(f"table_{i}_{k}" for i in (1, 2) for k in (1, 2, 3))]
+    run = hb.simulate(model, allow_fmu=True)
+    place = run["cart.x"][::4]
+    assert np.ptp(place) > 0.05
+    weights = [0.001 + 0*place, place if used else 0.002 + 0*place, 0.003 + 0*place]
+    for i, scale in ((1, 10), (2, 100 if used else 10)):
+        for k in (1, 2, 3):
+            assert run[f"controller.table_{i}_{k}"][4::4] == pytest.approx(scale*weights[k - 1][:-1], rel=1e-9, abs=1e-12)
 
 
 def test_an_enumeration_is_a_whole_number(tmp_path: Path) -> None:

@@ -593,7 +593,7 @@ class Body:
 @dataclass(frozen=True)
 class ForeignVariable:
     """A variable of an FMU: its `name` in the component, its name in the FMU, type and value reference. The SI value is
-    scale * value + offset."""
+    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`."""
 
     name: str
     own: str
@@ -601,6 +601,8 @@ class ForeignVariable:
     reference: int
     scale: float = 1.0
     offset: float = 0.0
+    element: int = 0
+    size: int = 1
 
 
 @dataclass(frozen=True)

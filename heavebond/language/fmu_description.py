@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
+from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -39,16 +41,21 @@ def described(path: Path) -> tuple[str, Foreign]:
     interface = description.coSimulation or description.modelExchange
     if interface is None:
         raise _unusable(path, "is for scheduled execution only", "Export it for co-simulation or model exchange.")
-    variables = [v for v in description.modelVariables
-                 if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
-    if len(variables) > FMU_VARIABLES:
-        raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
+    exchanged = [v for v in description.modelVariables if v.causality in ("input", "output", "parameter")]
+    numbers = [v for v in exchanged if v.type in NUMBERS]
+    room = FMU_VARIABLES - sum(not v.dimensions for v in numbers)
+    if room < 0:
+        raise _unusable(path, f"has {FMU_VARIABLES - room} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
                         "Export it with fewer of them.")
-    kept_names = [v.name for v in description.modelVariables if v.causality in ("input", "output", "parameter")
-              and (v.dimensions or v.type not in NUMBERS)]  # arrays, texts, binary values and clocks
+    variables = []
+    for v in numbers:  # without arrays beyond the limit
+        if not v.dimensions or prod(v.shape) <= room:
+            variables.append(v)
+            room -= prod(v.shape) if v.dimensions else 0
+    kept_names = [v.name for v in exchanged if not any(v is read for read in variables)]
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names, three = _Names(), description.fmiVersion.startswith("3")
-    known = {kind: [_variable(v, names, reader, three) for v in variables if v.causality == kind and not v.dimensions]
+    known = {kind: [entry for v in variables if v.causality == kind for entry in _variables(v, names, reader, three)]
              for kind in ("input", "output", "parameter")}
     inputs, outputs, parameters = (tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter"))
     foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters,
@@ -117,21 +124,26 @@ class _Units:
         return (f"rad{base_text[1:]}" if unit.counts == "angle" else base_text), unit.scale, unit.offset
 
 
-def _variable(v: Any, names: _Names, units: _Units, three: bool) -> tuple[ForeignVariable, str | None, Any]:
+def _variables(v: Any, names: _Names, units: _Units, three: bool) -> list[tuple[ForeignVariable, str | None, Any]]:
+    """A variable of an FMU, or the elements of an array in the order of their values, the last index first."""
     unit, scale, offset = units(v.unit or (v.declaredType.unit if v.declaredType is not None else None)) \
         if v.type in REAL else ("1", 1.0, 0.0)
     if v.relativeQuantity or getattr(v.declaredType, "relativeQuantity", False):
         offset = 0.0  # a difference of temperatures
     # values of an enumeration are whole numbers
     kind = v.type if v.type != "Enumeration" else "Int64" if three else "Integer"
-    return ForeignVariable(names(v.name), v.name, kind, int(v.valueReference), scale, offset), unit, v
+    indices = list(product(*(range(1, n + 1) for n in v.shape or ())))
+    elements = [f"{v.name}[{','.join(map(str, index))}]" if index else v.name for index in indices]
+    return [(ForeignVariable(names(element), element, kind, int(v.valueReference), scale, offset, k, len(elements)), unit, v)
+            for k, element in enumerate(elements)]
 
 
 def _number(v: Any, variable: ForeignVariable) -> float:
-    """The start value in SI."""
-    text = str(v.start if v.start is not None else 0).strip().lower()
+    """The start value in SI; one value is that of all elements of an array."""
+    texts = str(v.start if v.start is not None else 0).lower().split() or ["0"]
+    text = texts[variable.element] if variable.element < len(texts) else texts[0]
     try:
-        start = number({"true": "1", "false": "0"}.get(text, text.split()[0] if text else "0"))
+        start = number({"true": "1", "false": "0"}.get(text, text))
     except ValueError:
         raise ModelError([Problem("fmu-unusable", f"the start value of {variable.own}, '{text[:30]}', is not a number", None,
                                   "Export it again, with decimal points.")]) from None
@@ -142,7 +154,7 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
           kept_names: list[str]) -> str:
     """The component file; `kept_names` are the variables that keep their start values."""
     kept_text = f" {listing(kept_names, 6)} {'keeps its' if len(kept_names) == 1 else 'keep their'} start value" \
-        f"{'' if len(kept_names) == 1 else 's'}: a signal is one number." if kept_names else ""
+        f"{'' if len(kept_names) == 1 else 's'}: signals are numbers, up to {FMU_VARIABLES}." if kept_names else ""
     integrated = "" if description.coSimulation is not None else \
         " An FMU for model exchange: it is integrated between two communications, with constant inputs."
     tool = f", {description.generationTool}" if description.generationTool else ""
@@ -153,16 +165,16 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
                                         f"previous step.{integrated}{kept_text}"),
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
-        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}"
+        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v, entry)}"
                   + (f", default: {_quantity(_number(v, entry), unit)}" if kind == "input" and v.start is not None else "")
                   + "}" for entry, unit, v in known[kind]]
     lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
               + (f", default: {float(step)!r} s" if step else "") + "}"]
-    lines += [f"  {entry.name}: {{unit: {unit or 1}{_bounds(v, entry, unit)}, doc: {_doc(v)}, "
+    lines += [f"  {entry.name}: {{unit: {unit or 1}{_bounds(v, entry, unit)}, doc: {_doc(v, entry)}, "
               f"default: {_quantity(_number(v, entry), unit)}}}" for entry, unit, v in known["parameter"]]
     lines.append("variables:")
     lines += [f"  {LAST}{entry.name}: {{unit: {unit or f'$U_{entry.name}'}, held: {_quantity(_number(v, entry), unit)}, "
-              f"doc: {_doc(v)}}}" for entry, unit, v in known["output"]]
+              f"doc: {_doc(v, entry)}}}" for entry, unit, v in known["output"]]
     lines.append("equations: |")
     lines += [f"  {entry.name} = {LAST}{entry.name}   # held between communications"
               for entry, _, _ in known["output"]]
@@ -192,9 +204,9 @@ def _bounds(v: Any, variable: ForeignVariable, unit: str | None) -> str:
     return "".join(texts)
 
 
-def _doc(v: Any) -> str:
-    doc_text = v.description or ""
-    return _quoted(doc_text if v.name == doc_text or v.name.isidentifier() else f"{v.name}: {doc_text}".rstrip(": "))
+def _doc(v: Any, variable: ForeignVariable) -> str:
+    doc_text, name = v.description or "", variable.own
+    return _quoted(doc_text if name == doc_text or name.isidentifier() else f"{name}: {doc_text}".rstrip(": "))
 
 
 def _quoted(text: str) -> str:

@@ -149,11 +149,9 @@ class Partners:
                     if part.version.startswith("2"):
                         instance.setupExperiment(**start)
                         start = {}
-                    for variable, value in zip(part.foreign.parameters, parameters, strict=True):
-                        _set(instance, variable, value)
+                    _set(instance, part.foreign.parameters, parameters)
                     instance.enterInitializationMode(**start)
-                    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
-                        _set(instance, variable, value)
+                    _set(instance, part.foreign.inputs, inputs)
                     instance.exitInitializationMode()
                     if part.integrated is not None:
                         part.integrated.begin(point.t)
@@ -163,7 +161,7 @@ class Partners:
                 part.reached = point.t
                 part.times.append(point.t)
                 try:
-                    part.outputs = [_get(part.instance, v) for v in part.foreign.outputs]
+                    part.outputs = _get(part.instance, part.foreign.outputs)
                 except Exception:
                     if not part.ended:
                         raise
@@ -178,8 +176,7 @@ class Partners:
                 inputs = np.array(part.inputs_and_parameters(*point.values())[0]).ravel()
 
                 def set_inputs(part: _Partner = part, inputs: Array = inputs) -> None:
-                    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
-                        _set(part.instance, variable, value)
+                    _set(part.instance, part.foreign.inputs, inputs)
 
                 if part.integrated is None:
                     set_inputs()
@@ -286,12 +283,21 @@ def _advance(part: _Partner, time: float) -> None:
         part.ended = True
 
 
-def _set(instance: Any, variable: ForeignVariable, value: float) -> None:
-    raw = float((value - variable.offset) / variable.scale)
-    plain = raw if variable.type in REALS else raw > 0.5 if variable.type == "Boolean" else round(raw)
-    getattr(instance, f"set{variable.type}")([variable.reference], [plain])
+def _set(instance: Any, variables: Sequence[ForeignVariable], values: Array) -> None:
+    """Set variables, the elements of an array in one call."""
+    for first in (k for k, variable in enumerate(variables) if variable.element == 0):
+        variable, raw = variables[first], []
+        for value in values[first:first + variable.size]:
+            number = float((value - variable.offset) / variable.scale)
+            raw.append(number if variable.type in REALS else number > 0.5 if variable.type == "Boolean" else round(number))
+        getattr(instance, f"set{variable.type}")([variable.reference], raw)
 
 
-def _get(instance: Any, variable: ForeignVariable) -> float:
-    raw = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
-    return raw * variable.scale + variable.offset
+def _get(instance: Any, variables: Sequence[ForeignVariable]) -> list[float]:
+    """The values of variables, with the elements of an array by one call."""
+    values = []
+    for variable in (v for v in variables if v.element == 0):
+        number = {} if variable.size == 1 else {"nValues": variable.size}
+        raw = getattr(instance, f"get{variable.type}")([variable.reference], **number)
+        values += [float(value) * variable.scale + variable.offset for value in raw]
+    return values

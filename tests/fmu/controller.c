@@ -1,7 +1,8 @@
 /* A sampled controller as an FMU for co-simulation, for the tests: force = gain * position, one step late, `count` its steps.
    With FMI3 defined it speaks FMI 3.0, else FMI 2.0. Only what an importer of such an FMU calls does anything.
    With a gain of 0 it asks for the end of the simulation in its 11th step.
-   References: 0 position, 1 gain, 2 force, 3 count (integer), 4 engaged (boolean). */
+   References: 0 position, 1 gain, 2 force, 3 count (integer), 4 engaged (boolean); with FMI3 also 5 weights[3], 6 scales[2],
+   and 7 table[2, 3], the products of scales and weights. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -9,6 +10,7 @@
 
 typedef struct {
   double real[3];
+  double weights[3], scales[2], table[6];
   int32_t count;
   int engaged;
 } Controller;
@@ -17,6 +19,7 @@ static int step(Controller *c, double h) {
   if (!(h > 0) || c->real[0] > 1e3) return 3;
   if (c->real[1] == 0 && c->count == 10) return 2;
   c->real[2] = c->engaged ? c->real[1] * c->real[0] : 0;
+  for (int k = 0; k < 6; ++k) c->table[k] = c->scales[k / 3] * c->weights[k % 3];
   c->count += 1;
   return 0;
 }
@@ -89,7 +92,24 @@ void F(FreeInstance)(void *c) { free(c); }
     return 0; \
   }
 #ifdef FMI3
-ACCESS(fmi3SetFloat64, fmi3GetFloat64, double, c->real[r[k]])
+static size_t place(Controller *c, uint32_t reference, double **begin) {
+  *begin = reference < 3 ? &c->real[reference] : reference == 5 ? c->weights : reference == 6 ? c->scales : c->table;
+  return reference < 3 ? 1 : reference == 5 ? 3 : reference == 6 ? 2 : 6;
+}
+int fmi3SetFloat64(void *c, const uint32_t *r, size_t n, const double *v, size_t m) {
+  double *begin;
+  for (size_t k = 0; k < n; ++k)
+    for (size_t i = 0, size = place(c, r[k], &begin); i < size; ++i)
+      if (m-- > 0) begin[i] = *v++; else return 3;
+  return m ? 3 : 0;
+}
+int fmi3GetFloat64(void *c, const uint32_t *r, size_t n, double *v, size_t m) {
+  double *begin;
+  for (size_t k = 0; k < n; ++k)
+    for (size_t i = 0, size = place(c, r[k], &begin); i < size; ++i)
+      if (m-- > 0) *v++ = begin[i]; else return 3;
+  return m ? 3 : 0;
+}
 ACCESS(fmi3SetInt32, fmi3GetInt32, int32_t, c->count)
 ACCESS(fmi3SetBoolean, fmi3GetBoolean, Truth, c->engaged)
 #else
