@@ -52,16 +52,22 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     tab.wait("document.querySelector('#record-form').open")
     chosen = tab.run("[...document.querySelectorAll('#record-form tbody tr')].map(row => [...row.querySelectorAll("
                      "'select, input')].filter(field => !field.hidden).map(field => field.value).join(' '))")
-    assert chosen == ["time s", "input shaker.u m spline", "output load.x m", "output shaker.a.f N"]
+    assert chosen == ["time s", "input shaker.u m  spline", "output load.x m ", "output shaker.a.f N "]  # noise: estimated
     tab.run("document.getElementById('free-damper.d').focus()")
     tab.key(" ", code=32, text=" ")
+    tab.run("document.querySelector('[aria-label=\"noise of load_m\"]').focus()")
+    tab.write("0.2 kg")
     tab.run("document.querySelector('#experiment-name').select()")
     tab.write("measured")
+    tab.key("Enter", code=13, text="\r")
+    tab.wait("document.querySelector('#record-wrong').innerText.includes('0.2 kg')")
+    tab.run("document.querySelector('[aria-label=\"noise of load_m\"]').value = '0.2 mm', 1")
     tab.key("Enter", code=13, text="\r")
     tab.wait("studio.document.name === 'measured.yaml' && studio.evidence.told !== null", 60)
     experiment = load_experiment(folder / "measured.yaml")
     assert {r.name: (r.file.name, r.use) for r in experiment.records.values()} == {
         "monday": ("monday.csv", "fit"), "tuesday": ("tuesday.csv", "validate")}
+    assert experiment.outputs["load.x"].noise == pytest.approx(0.2e-3)
     assert list(experiment.free) == ["damper.d"] and (folder / "data" / "monday.csv").read_text() == texts["monday.csv"]
     tab.wait("studio.evidence.charts.length === 4")  # two channels, each with its residual
     before = _contents(folder)

@@ -449,13 +449,21 @@ def _unrecognised(proposal: Proposal) -> list[str]:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Role of a column of the records: `role` time, input or output, `target` the input's name or the output's formula."""
+    """Role of a column of the records: `role` time, input or output, `target` the input's name or the output's formula,
+    `noise` the standard deviation of its noise (`0.2 mm`), estimated from the records without it."""
 
     column: str
     role: str
     unit: str
     target: str = ""
     interpolation: str = "linear"
+    noise: str = ""
+
+    @property
+    def entry(self) -> str:
+        """The entries of the column in an experiment."""
+        return ", ".join([f"column: {quoted(self.column)}", f"unit: {quoted(self.unit)}",
+                          *([f"noise: {quoted(self.noise)}"] if self.noise else [])])
 
 
 @dataclass(frozen=True)
@@ -475,8 +483,7 @@ def experiment_text(name: str, path: Path, recorded: Records, unrecognised: Sequ
     """The text of an experiment at `path`, with possible outputs (`unrecognised`) as comments; HeavebondError if no
     column is a time or can be an output."""
     time = next((c for c in recorded.columns if c.role == "time"), None)
-    inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
-              for c in recorded.columns if c.role == "input"}
+    inputs = {c.target: f"{{{c.entry}, interpolation: {c.interpolation}}}" for c in recorded.columns if c.role == "input"}
     outputs = dict(_output(c) for c in recorded.columns if c.role == "output")
     if time is None and not recorded.every:
         raise HeavebondError([Problem("record-no-time", "no column is the time", None,
@@ -503,10 +510,9 @@ def experiment_text(name: str, path: Path, recorded: Records, unrecognised: Sequ
 
 def _output(chosen: Chosen) -> tuple[str, str]:
     """An output by its signal; by a separate name for a formula."""
-    column_entry = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
     if re.fullmatch(r"[\w.\[\]]+", chosen.target):
-        return chosen.target, f"{{{column_entry}}}"
-    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {column_entry}}}"
+        return chosen.target, f"{{{chosen.entry}}}"
+    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {chosen.entry}}}"
 
 
 def _free_name(text: str, used_names: Mapping[str, str]) -> str:

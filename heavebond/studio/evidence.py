@@ -188,8 +188,8 @@ def written_experiment(path: str, name: str, title: str, model: str, files: Mapp
                        columns: Sequence[Mapping[str, str]], free: Mapping[str, str], every: str = "") -> tuple[Entry, None]:
     """The text of the experiment that a form describes, read once as a file at `path`, so that mistakes are reported
     before it is written. `every` is the time between two rows of files without a column of times."""
-    chosen = [Chosen(c["column"], c["role"], c["unit"] or "1", c.get("target", ""), c.get("interpolation") or "linear")
-              for c in columns]
+    chosen = [Chosen(c["column"], c["role"], c["unit"] or "1", c.get("target", ""), c.get("interpolation") or "linear",
+                     c.get("noise", "") if c["role"] in ("input", "output") else "") for c in columns]
     for c in chosen:
         if c.role in ("input", "output") and not c.target.strip():
             raise UsageError([Problem("record-roles", f"column '{c.column}' is an {c.role}, but its signal is not "

@@ -111,7 +111,7 @@ export class RecordFiles {
     el("ul", { class: "files aligned" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
       ...USES.map(([value, text]) => el("option", { value, selected: value === u.use }, text)))))),
     files.length === 1 ? el("p", { class: "said" }, "With one record, its last third is held out of the fit. It is better to drop two records and to hold one out.") : null,
-    el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
+    el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "noise", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
       el("tbody", {}, ...rows.map((/** @type {any} */ r) => r.row)))),
     el("datalist", { id: "known-inputs" }, ...options(told.inputs)), el("datalist", { id: "known-outputs" }, ...options(told.outputs)),
     timeless, frees.place, el("p", {}, el("label", { for: "experiment-name" }, "Name of the experiment's file "), name, el("code", {}, ".yaml")), wrong,
@@ -126,10 +126,11 @@ export class RecordFiles {
     const id = `column-${c.name}`, unit = el("input", { id: `unit-${c.name}`, class: "short", value: c.unit, "aria-label": `unit of ${c.name}`, title: c.unit_known ? "as the file gives it" : "the file gives no unit: check it" });
     const target = el("input", { id: `target-${c.name}`, value: c.target, "aria-label": `what ${c.name} is in the diagram`, spellcheck: "false", autocomplete: "off" });
     const between = el("select", { id: `between-${c.name}`, "aria-label": `${c.name} between samples` }, ...["spline", "linear", "hold"].map((v) => el("option", { value: v, selected: v === (c.interpolation || "linear") }, v)));
+    const noise = el("input", { id: `noise-${c.name}`, class: "short", placeholder: "estimated", title: "Standard deviation of the noise, such as 0.2 mm; an empty field: estimated from the records", "aria-label": `noise of ${c.name}`, spellcheck: "false", autocomplete: "off" });
     const role = el("select", { id, "aria-label": `what ${c.name} is` }, ...ROLES.map(([value, text]) => el("option", { value, selected: value === c.role }, text)));
     const marks = () => {
       const now = /** @type {any} */ (role).value;
-      target.hidden = now !== "input" && now !== "output";
+      target.hidden = noise.hidden = now !== "input" && now !== "output";
       target.setAttribute("list", now === "input" ? "known-inputs" : "known-outputs");
       between.hidden = now !== "input";
       unit.hidden = !now;
@@ -145,9 +146,9 @@ export class RecordFiles {
     });
     marks();
     const row = el("tr", {}, el("th", { scope: "row" }, c.name), el("td", {}, c.sketch.length ? sketch(c.sketch) : ""), el("td", { class: "range" }, c.low === null ? "—" : `${number(c.low, 4)} .. ${number(c.high, 4)}`),
-      el("td", {}, role), el("td", {}, target), el("td", { class: c.unit_known ? null : "unsure" }, unit), el("td", {}, between));
+      el("td", {}, role), el("td", {}, target), el("td", { class: c.unit_known ? null : "unsure" }, unit), el("td", {}, noise), el("td", {}, between));
     const value = (/** @type {any} */ field) => field.value.trim();
-    return { row, chosen: () => ({ column: c.name, role: value(role), target: value(target), unit: value(unit), interpolation: value(between) }) };
+    return { row, chosen: () => ({ column: c.name, role: value(role), target: value(target), unit: value(unit), interpolation: value(between), noise: value(noise) }) };
   }
 
   /** The parameters that may be estimated: a tolerance around the values of the diagram. */
