@@ -202,6 +202,31 @@ def test_an_fmu_that_fails_is_told_with_its_own_words(rig: Path) -> None:
 
 
 @compiled
+def test_each_fmu_has_its_own_log_and_others_of_the_process_keep_theirs(tmp_path: Path) -> None:
+    """The logger of the process outlives the run: an FMU that FMPy opens afterwards logs to FMPy."""
+    make_fmu(tmp_path / "controller.fmu", FMI2)
+    make_fmu(tmp_path / "reserve.fmu", FMI2)
+    text = RIG.replace("  controller: {", "  reserve: {is: reserve.fmu, step: 40 ms}\n  controller: {")
+    (tmp_path / "rig.yaml").write_text(text.replace("cart.x: 50 mm", "cart.x: 3 m"))
+    program = f"""
+import gc, fmpy, heavebond as hb
+try:
+    hb.simulate(hb.load({str(tmp_path / 'rig.yaml')!r}), allow_fmu=True)
+except hb.SimulationError as error:
+    print("MESSAGE", error)
+gc.collect()
+try:
+    fmpy.simulate_fmu({str(tmp_path / 'controller.fmu')!r}, start_values={{"position": 2000}}, stop_time=1, validate=False)
+except Exception as error:
+    print("FAILED", error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    first, then = done.stdout.split("FAILED")[0].split("[fmu-failed]")
+    assert "controller (controller.fmu) failed" in first and then.count("out of reach") == 2
+
+
+@compiled
 def test_an_fmu_that_asks_for_the_end_ends_the_run_with_its_results(rig: Path) -> None:
     model = hb.load("rig.yaml").with_parameters({"controller.law_gain": 0})
     run = hb.simulate(model, allow_fmu=True)

@@ -14,7 +14,9 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
+from weakref import WeakValueDictionary
 
 import casadi as ca
 import numpy as np
@@ -55,7 +57,7 @@ def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> No
                                   "provide the derivatives of its outputs", None, "Run it without sensitivities.")])
 
 
-@dataclass
+@dataclass(eq=False)
 class _Partner:
     """One FMU: which event exchanges its signals, which rows of the resets are its outputs, and its running instance."""
 
@@ -221,19 +223,12 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     arguments = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
                  "instanceName": part.path}
     if part.version.startswith("2"):
-        def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
-            part.messages.append(message.decode(errors="replace"))
-
         instance = (fmi2.FMU2Slave if part.foreign.has_solver else fmi2.FMU2Model)(**arguments)
-        part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard2)
-        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
-        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        with suppress(Exception):  # a library of FMPy, for some platforms, that inserts the arguments into the messages
-            from fmpy.logging import addLoggerProxy
-
-            addLoggerProxy(ctypes.byref(callbacks))
-        instance.instantiate(callbacks=callbacks)
+        part.callbacks = fmi2.fmi2CallbackFunctions()
+        ctypes.pointer(part.callbacks)[0] = _callbacks()
+        part.callbacks.componentEnvironment = id(part)
+        _PARTNERS[id(part)] = part
+        instance.instantiate(callbacks=part.callbacks)
         return instance
 
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
@@ -242,6 +237,34 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     instance = (fmi3.FMU3Slave if part.foreign.has_solver else fmi3.FMU3Model)(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
+
+
+_PARTNERS: WeakValueDictionary[int, _Partner] = WeakValueDictionary()  # by their environment in callbacks
+
+
+@cache
+def _callbacks() -> Any:
+    """The callbacks of FMI 2.0, which exist until the process ends. A library of FMPy inserts the arguments into the
+    messages; it calls one logger for all FMUs of the process, also for FMUs that another module opens by FMPy."""
+    from fmpy import fmi2
+
+    def heard(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
+        path = name.decode(errors="replace")  # for an FMU that does not pass its environment on
+        named = [part for part in _PARTNERS.values() if part.instance is not None and part.path == path]
+        if part := _PARTNERS.get(environment or 0) or (named[-1] if named else None):
+            part.messages.append(message.decode(errors="replace"))
+        else:
+            fmi2.printLogMessage(environment, name, status, category, message)
+
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard)
+    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
+    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
+    with suppress(Exception):  # the library exists for some platforms only
+        from fmpy.logging import addLoggerProxy
+
+        addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks
 
 
 def _check_running(part: _Partner) -> None:
