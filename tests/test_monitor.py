@@ -136,6 +136,9 @@ def test_wrong_arguments_are_refused(fleet: Path) -> None:
             ([fleet / "records", fleet / "later.csv"], 0.01, "later.csv' is neither a file nor a folder")):
         with pytest.raises(UsageError, match=message):
             hb.monitor(fleet / "rig.yaml", records, rate=rate)
+    for share in (50, -0.1, "5000 %"):  # 50 % without its sign
+        with pytest.raises(UsageError, match="must be between 0 and 10"):
+            hb.monitor(fleet / "rig.yaml", fleet / "records", start_deviation=share)
     shutil.copy(fleet / "records" / "sound_0.csv", fleet / "records" / "sound_0.txt")
     with pytest.raises(UsageError, match="several records have one name"):
         hb.monitor(fleet / "rig.yaml", fleet / "records")

@@ -154,3 +154,22 @@ def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Pat
     assert "<svg" in drawn["pictures"][0]["svg"] and str(car.parent) not in drawn["text"]
     assert sorted(p.name for p in car.parent.iterdir()) == ["car.c", "car.yaml"]
     assert sorted(p.name for p in car.parent.parent.iterdir()) == ["folder"]
+
+
+def test_a_design_is_written_as_a_diagram_that_extends_the_open_one(tmp_path: Path) -> None:
+    servo = tmp_path / "servo.yaml"
+    servo.write_text("""model: servo
+components:
+  control: {is: DiscretePID, K_p: 1, K_d: 0 s, T_f: 10 ms, y_min: -24, y_max: 24, T_s: 10 ms, r: 0, u: =gear.y}
+  motor:   {is: FirstOrderLag, T_1: 0.1 s, u: =control.y}
+  gear:    {is: Integrator, k: 1.5 1/s, u: =motor.y}
+initial: {gear.y: 0, motor.y: 0}
+simulate: {until: 2 s, every: 5 ms}
+""", encoding="utf-8")
+    values = {"loop": "control.y", "free": ["control.K_p,control.K_d"], "crossover": "2 Hz", "phase_margin": "60 deg"}
+    with confined(tmp_path):
+        told = [run_command(servo, {"command_line": LINE, "command": "design", "values": values, "format": suffix}, tmp_path)
+                for suffix in ("", "yaml", "yaml")]
+    assert [done["files"] for done in told] == [[], ["servo_designed.yaml"], ["servo_designed_2.yaml"]]
+    crossings = hb.loop_crossings(tmp_path / "servo_designed.yaml", "control.y")
+    assert crossings.least_phase is not None and crossings.least_phase.value == pytest.approx(60, rel=1e-3)

@@ -143,24 +143,25 @@ def settings_of(option: str, settings: Iterable[str], example: str = "gas.c='40 
 
 
 @contextmanager
-def blamed_on_settings(settings: Iterable[str]) -> Iterator[None]:
-    """Inside, report a problem in the text of a --set option as one of the command line instead of a file."""
+def blamed_on_settings(settings: Iterable[str], overs: Iterable[str] = ()) -> Iterator[None]:
+    """Inside, report a problem in the text of a --set or --over option as one of the command line instead of a file."""
     try:
         yield
     except HeavebondError as error:
-        problems = [_about(problem, settings) for problem in error.problems]
+        problems = [_about(problem, settings, overs) for problem in error.problems]
         changed = any(new is not old for new, old in zip(problems, error.problems, strict=True))
         raise (UsageError if changed else type(error))(problems) from None
 
 
-def _about(problem: Problem, settings: Iterable[str]) -> Problem:
+def _about(problem: Problem, settings: Iterable[str], overs: Iterable[str]) -> Problem:
     """Remove the file position of a problem if it lies in a value that was set by an option."""
     if problem.place is None:
         return problem
-    for text in settings:
+    for option, text in (*(("--set", text) for text in settings), *(("--over", text) for text in overs)):
         path, _, value = (part.strip() for part in text.partition("="))
-        if problem.place.file == f"value of {path}" or problem.place.text == f"{path}: {value}":
-            return replace(problem, place=None, message=f"--set {text}: {problem.message}")
+        same = problem.place.text == f"{path}: {value}" if option == "--set" else problem.place.text.startswith(f"{path}: ")
+        if same or problem.place.file == f"value of {path}":
+            return replace(problem, place=None, message=f"{option} {text}: {problem.message}")
     return problem
 
 

@@ -134,7 +134,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
                                   "Give --write FILE for a new diagram that extends it.")])
     items: list[Item]
     texts: dict[str, Tree]
-    with blamed_on_settings(settings), terminal.working("design"):
+    with blamed_on_settings(settings, overs), terminal.working("design"):
         diagram = with_settings(load(model), settings)
         units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
         if loop is not None and schedule is not None:

@@ -21,7 +21,8 @@ def si_value(value: float | str, unit: str, subject: str) -> float:
         number, read = parse_quantity(value)
         check_unit(read, read_unit(unit), number, value)
     except UnitProblem as problem:
-        hint = f"Write for example `1 {unit}`." if problem.hint == AS_QUANTITY and unit != "1" else problem.hint
+        example = "Write a number, for example `0.5`." if unit == "1" else f"Write for example `1 {unit}`."
+        hint = example if problem.hint == AS_QUANTITY else problem.hint
         raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, hint)]) from None
     return number
 

@@ -7,6 +7,7 @@ and then renamed. After a full disk, a killed process or an error the previous f
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import re
 import stat
@@ -194,3 +195,9 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         message = f"the folder '{folder}' cannot be created: {(error.strerror or str(error)).lower()}"
         raise UsageError([Problem("file-unwritable", message, None, "Give another one.")]) from None
+
+
+def free_path(path: Path, *reserved: Path) -> Path:
+    """The path, with the next free number if it exists."""
+    names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
+    return next(p for p in names if not os.path.lexists(p) and p not in reserved)

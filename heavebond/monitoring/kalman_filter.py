@@ -53,11 +53,14 @@ class FilterConstants:
     most_steps: most steps between two samples. Origin: a bound on the time. Doubled: slower for machines of high frequency.
     compared: samples of the reference record on which the number of steps is determined. Origin: some periods of most
         motions. Doubled: twice the time at the beginning.
+    most_spans: largest standard deviation of an initial state, in spans of the state. Origin: beyond it a linearisation is
+        meaningless, and a percentage without its sign is likely. Doubled: nothing.
     """
 
     error: float = 0.05
     most_steps: int = 64
     compared: int = 1000
+    most_spans: float = 10.0
 
 
 FILTER = FilterConstants()
@@ -126,9 +129,10 @@ class Estimator:
         self.record = experiment.records[record] if record is not None else next(iter(experiment.records.values()))
         self.assembly: Assembly = assemble_for(experiment, self.record)
         self.share = si_value(start_deviation, "1", "start_deviation")
-        if not self.share >= 0:
-            raise UsageError([Problem("start-deviation", "the standard deviation of the start must not be negative", None,
-                                      "Give a share, for example 0.02.")])
+        if not 0 <= self.share <= FILTER.most_spans:
+            raise UsageError([Problem("start-deviation", f"the standard deviation of the start is {self.share:g} times the "
+                                      f"span of each state; it must be between 0 and {FILTER.most_spans:g}", None,
+                                      "Give a share of the span, for example 0.02 or '50 %'.")])
         self.known, self.noise = _walks(self.assembly, experiment, walks or {})
         self.outputs = list(experiment.outputs)
         self.radau = RadauStep(self.assembly, [self.assembly.expression(o.shown.expr) for o in experiment.outputs.values()],

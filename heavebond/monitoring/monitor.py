@@ -107,7 +107,7 @@ class Monitoring(facade.Displayed):
         """The numbers of records by outcome, with the expected number of false alarms."""
         usable = len(self.records) - len(self.unusable)
         return f"{count(len(self.records), 'record')}: {len(self.changed)} left the model, {len(self.unusable)} could not " \
-            f"be used; at most {number(self.rate * usable, 2)} false alarms are expected in {usable} records " \
+            f"be used; at most {number(self.rate * usable, 2)} false alarms are expected in {count(usable, 'record')} " \
             f"({number(100 * self.rate, 3)} % of the records of a sound machine)"
 
     def __getitem__(self, name: str) -> MonitoredRecord:

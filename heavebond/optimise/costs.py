@@ -227,8 +227,9 @@ class _Reader:
         flat = self.assembly.flat
         if isinstance(expr, Name) and (expr.text in flat.names or expr.text in self.outputs
                                        or any(h.name == expr.text for h in flat.held)):
-            raise ExpressionProblem("cost-signal", f"'{expr.text}' is a signal; a cost is a number", expr.column,
-                                    expr.length, f"Write rms({expr.text}), peak({expr.text}) or final({expr.text}).")
+            raise ExpressionProblem("cost-signal", f"'{expr.text}' is a signal; a cost or limit is of numbers", expr.column,
+                                    expr.length, f"Write for example rms({expr.text}), highest({expr.text}), "
+                                    f"peak({expr.text}) or final({expr.text}).")
         return expr
 
 

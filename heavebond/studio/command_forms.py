@@ -18,6 +18,7 @@ from typing import Any
 import click
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import free_path
 from heavebond.studio.contents import Entry
 
 # the commands by the kind of document; the others have a place of their own in the studio
@@ -27,7 +28,7 @@ COMMANDS = {"model": ("check", "run", "modes", "linear", "design", "sensitivity"
 EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "activity", "scheduler", "processes", "decide",
             "resume", "schema", "in_place")
 PERMISSION = "allow_"  # options that permit to execute what a file contains: the server has the permission, never the page
-FORMS = {"export": ("fmu", "c")}
+FORMS = {"export": ("fmu", "c"), "design": ("", "yaml")}  # suffixes of files that a command writes; "": none
 MOST_PICTURES, PICTURE_BYTES = 12, 4_000_000  # that are shown of a command
 SHORTEST, LONGEST = 1, 500  # characters of a value
 
@@ -101,8 +102,13 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
             suffix = options.get("format")
             if suffix not in FORMS[name]:
                 raise UsageError([Problem("usage", "the page asked for something unknown")])
-            written = f"{re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)}.{suffix}"
-            words.append(f"--output={folder.resolve() / written}")
+            stem = re.sub(r"[^A-Za-z0-9_]+", "_", path.stem)
+            if name == "export":
+                written = f"{stem}.{suffix}"
+                words.append(f"--output={folder.resolve() / written}")
+            elif suffix:
+                written = free_path(folder / f"{stem}_designed.yaml").name
+                words.append(f"--write={folder.resolve() / written}")
         out, err, code = io.StringIO(), io.StringIO(), 0
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), contextlib.chdir(folder):
             try:

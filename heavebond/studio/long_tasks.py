@@ -3,9 +3,7 @@ their results for the page, and the files to write."""
 
 from __future__ import annotations
 
-import itertools
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,7 +14,7 @@ from heavebond.core.cancellation import ENDED_EARLY, clear_signal
 from heavebond.core.presentation import readable_unit
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import read_unit
-from heavebond.core.writable import write_text
+from heavebond.core.writable import free_path, write_text
 from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.answer.ranking import entries
 from heavebond.diagnosis.attempt import attempt
@@ -68,19 +66,13 @@ def _folder(path: Path, options: Mapping[str, Any]) -> Path:
 
 
 def _write_fit(fit_result: Fit, path: Path, folder: Path) -> list[Path]:
-    experiment = _free_path(folder / f"{path.stem}_fitted.yaml")
-    diagram = _free_path(folder / f"{fit_result.experiment.model.path.stem}_fitted.yaml", experiment)
+    experiment = free_path(folder / f"{path.stem}_fitted.yaml")
+    diagram = free_path(folder / f"{fit_result.experiment.model.path.stem}_fitted.yaml", experiment)
     write(diagram, fitted_diagram(fit_result, diagram))
     name = f"{fit_result.experiment.name}, fitted"
     write(experiment, f"experiment: {quoted(name)}\nextends: {quoted(extended_from(experiment, path))}\n"
                       f"model: {quoted(extended_from(experiment, diagram))}\n")
     return [diagram, experiment]
-
-
-def _free_path(path: Path, *reserved: Path) -> Path:
-    """The path, with the next free number if it exists."""
-    names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
-    return next(p for p in names if not os.path.lexists(p) and p not in reserved)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
@@ -214,7 +206,7 @@ def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     def write_tuned(request: Mapping[str, Any]) -> list[Path]:
         if request.get("lost"):
             return []
-        target = _free_path(_folder(path, options) / f"{tuning.model.path.stem}_tuned.yaml")
+        target = free_path(_folder(path, options) / f"{tuning.model.path.stem}_tuned.yaml")
         write(target, tuned_diagram(tuning.model, task, result, target, {}))
         return [target]
 

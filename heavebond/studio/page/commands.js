@@ -26,7 +26,7 @@ export function commandForm(studio, all, state, running, begin) {
   } }, el("div", { class: "choices" }, el("label", {}, "Analysis ", el("select", { id: "command", onchange: (/** @type {any} */ e) => { state.command = e.target.value; state.closed = false; studio.evidence.show(); } },
     ...found.map((/** @type {any} */ c) => el("option", { value: c.name, selected: c === chosen }, `${c.name}: ${c.summary}`)))),
   chosen.picture && el("label", {}, el("input", { type: "checkbox", id: "command-picture", checked: kept[" picture"] !== false, onchange: (/** @type {any} */ e) => { kept[" picture"] = e.target.checked; } }), " picture"),
-  chosen.formats.length > 0 && el("label", {}, "file ", el("select", { id: "command-format", onchange: (/** @type {any} */ e) => { kept[" format"] = e.target.value; } }, ...chosen.formats.map((/** @type {string} */ f) => el("option", { value: f, selected: f === kept[" format"] }, `.${f}`)))),
+  chosen.formats.length > 0 && el("label", {}, "file ", el("select", { id: "command-format", onchange: (/** @type {any} */ e) => { kept[" format"] = e.target.value; } }, ...chosen.formats.map((/** @type {string} */ f) => el("option", { value: f, selected: f === kept[" format"] }, f ? `.${f}` : "none")))),
   el("button", { class: "main", id: "begin-command", disabled: running }, "Run it")),
   el("details", { class: "command-options", open: !state.closed, ontoggle: (/** @type {any} */ e) => { state.closed = !e.target.open; } }, el("summary", {}, "Options"),
     el("div", { class: "scroll" }, el("table", { class: "options" }, el("tbody", {}, ...chosen.options.map(row))))))];
