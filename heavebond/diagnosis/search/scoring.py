@@ -93,6 +93,8 @@ AGREES, DECADES = 0.2, 15
 # The range of a number that is searched within the motion of the base model is extended by this share of its span: the
 # machine and other records may move further, and a limit that is not reached must lie outside their motion.
 BEYOND = 0.5
+# Distance of the points at which an effect without amplitude zero is scored, in decades of its widest range.
+DECADES_APART = 3.0
 # The lower end of a range of motion is set to zero if it is less than this share of the upper end. The smallest sample of a
 # magnitude that passes through zero is arbitrary, and a logarithmic scale from there would yield small values only.
 PASSES = 1e-3
@@ -402,8 +404,8 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
         return [{}]
     points = []
     signed = any(low < 0 < high for low, high in ranges.values())
-    for share in INSTANTS if candidate.attaches == "parameter" else \
-            (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
+    for share in INSTANTS if candidate.attaches == "parameter" else np.linspace(0.1, 0.9, _points(ranges)) \
+            if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
         point = {name: point_of_range(low, high, share) for name, (low, high) in ranges.items()}
         for high_one, low_one in candidate.orders:  # a pair of limits is moved from the ends of the range inwards
             for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):
@@ -411,6 +413,12 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
                     point[name] = point_of_range(*ranges[name], part)
         points.append(point)
     return points
+
+
+def _points(ranges: Mapping[str, tuple[float, float]]) -> int:
+    """The number of points along the diagonal of the ranges: at least 3, and one in `DECADES_APART` decades."""
+    decades = max((np.log10(high / low) for low, high in ranges.values() if low > 0), default=0.0)
+    return max(3, int(np.ceil(decades / DECADES_APART)))
 
 
 def point_of_range(low: float, high: float, share: float) -> float:

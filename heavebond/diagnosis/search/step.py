@@ -43,6 +43,7 @@ from heavebond.diagnosis.evidence.prediction import (
 )
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_noise, is_noise, leftover
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
+from heavebond.diagnosis.search.natural_sizes import with_natural_ranges
 from heavebond.diagnosis.search.onset import onsets
 from heavebond.diagnosis.search.prescore import select, select_variations
 from heavebond.diagnosis.search.refit import ANOTHER, Refit, bic, refitted_from
@@ -230,10 +231,10 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     fitted = base.problem.values_of(base.inner, first.record.name)
     excluded = {} if always else {c.label: reason for c in (*proposed, *distant)
                                   if (reason := _meaningless(c, base, courses))}
-    proposed = [at_values(c, first.assembly, fitted) for c in proposed if c.label not in excluded]
+    proposed = with_natural_ranges(base, [at_values(c, first.assembly, fitted) for c in proposed if c.label not in excluded])
     if distant:
         say("scoring effects between all nodes to first order")
-    prescored = select(base, proposed, [c for c in distant if c.label not in excluded], as_one)
+    prescored = select(base, proposed, with_natural_ranges(base, [c for c in distant if c.label not in excluded]), as_one)
     proposed, scores, remaining = list(prescored.selected), list[Score](), list[Job]()
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
