@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from heavebond.core.cancellation import clear_signal, time_limit
-from heavebond.diagnosis.answer import sentences
+from heavebond.diagnosis.answer import sentences, verdict
+from heavebond.diagnosis.answer.tree import OUTSIDE, EffectTree, Node, Tree
 from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.diagnosis.candidates.places import Places, candidates
 from heavebond.diagnosis.diagnose import diagnose
@@ -284,3 +285,42 @@ def test_the_same_law_at_the_same_place_is_named_beside_the_answer() -> None:
     step: Any = SimpleNamespace(twins={"Law at the wall": ("Law in the wall", "Other at the wall")})
     assert sentences._same_laws([finding], [step]) == ["Law in the wall is the same law as friction at the wall (Law)."]
     assert sentences._same_laws([finding], [SimpleNamespace(twins={})]) == []
+
+
+@pytest.mark.parametrize(("error", "before", "segments", "nothing"), [
+    (0.2, 0.9, False, False), (0.94, 2.0, False, False), (0.96, 4.0, False, True),
+    (1.5, 4.0, True, False),    # drift: within segments the model may be right
+    (1.5, 1.2, True, True)])    # the effect makes the uninterrupted simulation worse
+def test_an_effect_whose_model_is_no_better_than_mean_values_is_not_the_main_effect(
+        error: float, before: float, segments: bool, nothing: bool) -> None:
+    def entry(error_fit: float) -> Any:
+        experiment = SimpleNamespace(horizons={"a": 1} if segments else {}, noise_given=True)
+        return SimpleNamespace(error_fit=error_fit, chi2_fit=50.0, chi2_held_out=50.0, samples_held_out=100,
+                               comparison=SimpleNamespace(experiment=experiment))
+
+    finding: Any = SimpleNamespace(rung=entry(error), beyond=(), candidate=SimpleNamespace(kind="lag", differs=False))
+    ladder, step = [entry(before), finding.rung], SimpleNamespace(left=SimpleNamespace(significant=True), partial=False)
+    adequacy: Any = SimpleNamespace(stands=True, beaten=False)
+    found = verdict.verdict(None, ladder, [finding], [step], None, adequacy)  # type: ignore[list-item]
+    assert verdict.predicts_nothing(ladder, [finding]) is nothing
+    assert found == ("shape" if nothing else "mainly")
+
+
+def test_the_verdict_does_not_name_what_the_tree_contradicts() -> None:
+    candidate: Any = SimpleNamespace(label="Drag on shaft")
+    place, law = Node("place", "at shaft", 0.7, labels=("Drag on shaft",)), Node("class", "lag", 0.6, labels=("Lag",))
+    outside = Node("class", "a law outside the catalogue", 0.6, key=OUTSIDE)
+
+    def states(*path: Node) -> bool:
+        effect = EffectTree(Node("answer", "", 1.0), path, "", "", "", 0.9)
+        return Tree((effect,), False).states(candidate)
+
+    assert states() and states(place) and states(place, outside)
+    assert not states(place, law) and not states(replace(place, labels=("Spring",)), outside)
+    finding: Any = SimpleNamespace(
+        certain=True, alternatives=[], rung=SimpleNamespace(chi2_held_out=5.0, chi2_fit=5.0),
+        candidate=SimpleNamespace(attaches="at", kind="quadratic damping", place="on shaft", component="Drag"))
+    adequacy: Any = SimpleNamespace(explained=0.78)
+    for stated, begin in ((True, "Missing: mainly "), (False, "The best effect of the catalogue is ")):
+        words = sentences.verdict_words("mainly", [], [finding], [], None, adequacy, stated)
+        assert words.startswith(f"{begin}quadratic damping on shaft (Drag). It explains 78 % of the misfit")

@@ -96,6 +96,16 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
     assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
 
 
+def test_the_length_of_the_segments_follows_from_the_measured_motion(tmp_path: Path) -> None:
+    """The diagram has a flow that grows over the whole record, ten times as large in the end as that of the pump. Its
+    simulated level moves slowly, the measured one in periods of 40 s."""
+    growing = CLOSED.replace("nodes: {inlet: [pump.a,", "  error: {is: FlowSource, u: \"=300 L/min*time/(400 s)\"}\n"
+                             "nodes: {inlet: [pump.a, error.a,")
+    drifting, plain = (with_horizons(written(tmp_path, model, flow), {}) for model, flow in ((growing, 0.0), (CLOSED, 2.0)))
+    counts = [int(cut.horizons["one"].segment[-1]) + 1 for cut in (drifting, plain)]
+    assert counts[0] == pytest.approx(counts[1], abs=1) and counts[0] > 5
+
+
 @pytest.mark.parametrize(("chi2", "share", "within_segments", "kept"), [
     (1.0, 1.0, [False], True), (3.0, 1.0, [False], True), (50.0, 1.0, [False, True], False),
     (50.0, 0.6, [False, True], False), (50.0, 0.4, [False, True], True)])

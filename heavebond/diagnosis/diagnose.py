@@ -264,7 +264,13 @@ def _answer(state: State, task: Task) -> Diagnosis:
                          budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES), faults=state.faults)
     verdict, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
-    words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
+    answer = Diagnosis(state.given, verdict, (), models, findings, state.doubtful, steps, state.shape, state.base, noise,
+                       budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
+                       evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
+                                next(iter(state.reviews), None)), bool(task.classes), state.reviews,
+                       state.localization, state.faults)
+    words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy,
+                         not findings or answer.tree.states(findings[0].candidate)), *variation_words(findings),
              *map(equivalent_value_words, state.values),
              *(better_values(state.value_step, steps[0], [t.candidate.name for t in state.values])
                if state.unexplained else ()),
@@ -280,10 +286,4 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter),
              *horizon_words(state.experiment), *state.differences)
-    words = (*state.faults, *words)
-    answer = Diagnosis(state.given, verdict, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
-                       budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
-                       evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
-                                next(iter(state.reviews), None)), bool(task.classes), state.reviews,
-                       state.localization, state.faults)
-    return replace(answer, words=(*wrong_channels(models[-1].comparison, state.added, state.given), *answer.words))
+    return replace(answer, words=(*wrong_channels(models[-1].comparison, state.added, state.given), *state.faults, *words))

@@ -62,6 +62,9 @@ def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mappin
     ends = {name: p.told for name, p in fitted.items()}
     figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, ends.get(n.name))}"
                for n in candidate.numbers if n.name in values]
+    if candidate.change.vary and candidate.attaches == "parameter":
+        parameter, _, variable = candidate.place.removeprefix("of ").partition(" with ")
+        return f"{parameter} varies with {variable}" + (f" ({listing(figures, 4)})." if figures else ".")
     description = candidate.description or candidate.kind
     return f"{description[:1].upper()}{description[1:]} {candidate.place}" \
         + (f": {listing(figures, 4)}." if figures else ".")

@@ -14,7 +14,14 @@ from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import joined, listing
 from heavebond.core.presentation import count as counted
 from heavebond.core.presentation import number, readable, readable_difference
-from heavebond.diagnosis.answer.verdict import held_out_or_fitted, is_still, misfit_reduction, near_noise, without_effects
+from heavebond.diagnosis.answer.verdict import (
+    held_out_or_fitted,
+    is_still,
+    misfit_reduction,
+    near_noise,
+    predicts_nothing,
+    without_effects,
+)
 from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
@@ -37,9 +44,14 @@ MENTIONED = 3  # largest number of candidates that are mentioned as not excluded
 
 
 def sentences(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-              shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
-    """Sentences on the verdict."""
-    lines = [verdict_words(verdict, ladder, findings, steps, shape, adequacy)]
+              shape: AddedEffect | None, adequacy: Adequacy | None = None, stated: bool = True) -> tuple[str, ...]:
+    """Sentences on the verdict. `stated` is False if the tree of the answer states another place or class than the first
+    finding."""
+    lines = [verdict_words(verdict, ladder, findings, steps, shape, adequacy, stated)]
+    if findings and verdict not in ("nothing", "parameters") and predicts_nothing(ladder, findings):
+        error = number(100 * findings[-1].rung.error_fit, 3)
+        lines.append("The effect is not certain: the model with it predicts the fitted records hardly better than their "
+                     f"mean values would (error {error} %).")
     lines += _same_laws(findings, steps)
     if adequacy is not None and (verdict == "mainly" or adequacy.beaten):
         lines += _curve_comparison(adequacy)
@@ -178,8 +190,9 @@ def _share(explained: float) -> str:
 
 
 def verdict_words(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-                  shape: AddedEffect | None, adequacy: Adequacy | None = None) -> str:
-    """First sentences of the answer: the missing effect with its alternatives, or the reason why none is named."""
+                  shape: AddedEffect | None, adequacy: Adequacy | None = None, stated: bool = True) -> str:
+    """First sentences of the answer: the missing effect with its alternatives, or the reason why none is named. `stated`:
+    see `sentences`."""
     if verdict == "nothing" or (verdict == "parameters" and not findings):
         tests = steps[0].left
         # a significant score that no refit confirms
@@ -212,7 +225,8 @@ def verdict_words(verdict: str, ladder: Sequence[LadderEntry], findings: Sequenc
                            for k, f in enumerate(findings))
         unsure = "" if findings[0].certain else _unsure(findings[:1])
         more = f"; added after it: {'; '.join(further)}" if further else ""
-        return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{same_place} {share}{more}." + \
+        begin = f"Missing: {'probably' if enough else 'mainly'}" if stated else "The best effect of the catalogue is"
+        return f"{begin} {first}.{unsure}{same_place} {share}{more}." + \
             ("" if enough else " More is missing.")
     if verdict == "shape" and adequacy is not None and adequacy.beaten:
         assert adequacy.flexible is not None

@@ -161,6 +161,12 @@ class Tree:
         begin = "So far" if self.fitted else "No conclusion yet; by the scores so far, before any candidate was fitted"
         return (f"{begin}: {lines[0]}", *lines[1:]) if self.so_far else tuple(lines)
 
+    def states(self, candidate: Candidate) -> bool:
+        """False if the path of the first effect leads to another place or class than that of a candidate."""
+        path = self.effects[0].path if self.effects else ()
+        return all(candidate.label in node.labels for node in path
+                   if node.level == "place" or (node.level == "class" and node.key != OUTSIDE))
+
     def as_dict(self) -> dict[str, object]:
         """Return the answer for JSON."""
         return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects],

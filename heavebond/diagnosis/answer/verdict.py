@@ -24,7 +24,9 @@ from heavebond.estimation.fitting import Fit
 
 CHANCE = 0.005  # p value below which the fitted parameters are significantly better than the data sheet
 STILL = 3.0  # smallest standard deviation of a channel that moves, in units of its noise
-
+# Share of the variance of the fitted records above which the error of a model shows that it predicts nothing: the mean value
+# of each channel, with the share 1, is hardly worse.
+UNPREDICTED = 0.9
 
 
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
@@ -90,7 +92,8 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
             return "parameters"
         return "effect" if all(f.certain for f in findings) else "one_of"
     so_far = steps[-1].partial or not complete
-    if findings and adequacy is not None and (adequacy.stands or (so_far and not adequacy.beaten)):
+    if findings and adequacy is not None and (adequacy.stands or (so_far and not adequacy.beaten)) \
+            and not predicts_nothing(ladder, findings):
         return "mainly"
     if steps[-1].partial or not (complete or shape is not None):
         return "undetermined"
@@ -105,6 +108,14 @@ def _refuted(steps: Sequence[Stage]) -> bool:
     first = steps[0]
     return first.left.by_score_alone and first.left.score > float(chdtrc(1, EARNED)) and not steps[-1].partial \
         and is_noise(first.chi2_fit, first.chi2_held_out, first.samples_held_out)
+
+
+def predicts_nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
+    """True if the model with the effects is hardly better than the mean values of the channels. (Within segments of the
+    records it may still be right, if it reduces the error of the uninterrupted simulation.)"""
+    last, before = findings[-1].rung, without_effects(ladder, findings)
+    improved_segments = bool(last.comparison.experiment.horizons) and last.error_fit < before.error_fit
+    return last.error_fit**2 > UNPREDICTED and not improved_segments
 
 
 def is_still(rung: LadderEntry) -> bool:

@@ -37,7 +37,8 @@ from heavebond.numerics.dae import Array
 # CARRIED: a constant has 1/3, an error that decays with 1.6 record lengths 0.2. PERIODS: a sine has a correlation time of a
 # fifth of its period. SEGMENTS: of all fitted records; fewer show hardly less drift. SAMPLES: of each channel in a segment,
 # for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
-CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN = 0.2, 5.0, 3, 20, 0.5, 1e-6
+# ABOVE_NOISE: variance of a change in noise variances; the noise of both readings is then a tenth of it.
+CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN, ABOVE_NOISE = 0.2, 5.0, 3, 20, 0.5, 1e-6, 20.0
 LARGE = 1e100  # beyond it a response is cut off: its square is still a number
 
 
@@ -117,9 +118,13 @@ def _length(along: _Along) -> float:
     sizes = np.sqrt((responses**2).mean(axis=(0, 2)))
     times = []
     for k in np.flatnonzero(sizes > 0.01 * sizes.max()):  # channels that carry the error
-        used = model.used[:, k]
-        time, course = model.time[used], along.measured[used, k] - model.error[used, k]  # the simulated channel
-        times.append(float(correlation_time(time, np.gradient(course, time))))
+        # The measured channel moves as the machine does; the simulated one has the drift as well. Its rate is taken over the
+        # shortest interval in which the channel changes by more than its noise.
+        time, course = model.time[model.used[:, k]], along.measured[model.used[:, k], k]
+        over = next((n for n in 2 ** np.arange(12) if 2 * n >= len(course)
+                     or float(np.var(course[n:] - course[:-n])) > ABOVE_NOISE), 1)
+        rate = course[over:] - course[:-over] if 2 * over < len(course) else course
+        times.append(float(correlation_time(time[:len(rate)], rate)))
     least = SAMPLES * float(np.median(np.diff(model.time)))
     return float(max(PERIODS * max(times), d * least))
 
