@@ -38,6 +38,7 @@ from heavebond.experiment_design.separation import AdditionalSensor
 from heavebond.language.model import load, loads
 from heavebond.localise.curves import Curve, Variable
 from heavebond.numerics.simulation import simulate
+from heavebond.reports.report import report
 from heavebond.text.syntax import Binary
 
 pytestmark = pytest.mark.long
@@ -373,6 +374,22 @@ def test_what_is_left_is_told_by_its_law_where_that_is_decided() -> None:
         place: Any = SimpleNamespace(place=said.place.place, curve=replace(said.place.curve, **change))
         assert words in Remainder(True, place).words
     assert "acts as no force or flow" in Remainder(True, None).words
+
+
+def test_the_report_of_effects_that_are_not_certain_names_the_diagram_of_each_step(leak_or_offset: Diagnosis) -> None:
+    """Steps after the last finding: one with an effect that is not certain, and one that chose no effect."""
+    said = replace(leak_or_offset, findings=(), doubtful=leak_or_offset.findings[:1], steps=leak_or_offset.steps[:1] * 3)
+    assert report(said).count(f"the diagram with {said.doubtful[0].candidate.label}") == 2
+
+
+def test_a_fault_in_the_report_keeps_the_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("heavebond.reports.report.report", lambda *_, **__: [][0])
+    result = CliRunner().invoke(main, ["diagnose", "receiver_rig/choked", "--only", "sensor gain", "--processes", "1",
+                                       "--json", "j"])
+    written = json.loads((tmp_path / "j").read_text())
+    assert result.exit_code == 70 and "is not written, by a fault of heavebond itself, IndexError" in result.output
+    assert written["verdict"] and not written["ok"] and not list(tmp_path.glob("*_report.html"))
 
 
 def test_the_page_lists_the_keys_of_every_verdict(leak_or_offset: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

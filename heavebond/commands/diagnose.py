@@ -46,7 +46,7 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.commands import terminal
     from heavebond.core.cancellation import Budget, Interrupted, finishing, last_heard
     from heavebond.core.cluster import connected
-    from heavebond.core.errors import FaultError
+    from heavebond.core.errors import FaultError, HeavebondError
     from heavebond.core.kept_lines import KeptLines
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.answer.files import Targets, write_findings, write_proposal
@@ -79,12 +79,18 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         files = write_findings(loaded, result.added, targets)
         proposed = write_proposal(result.separation, targets.proposal) if result.separation is not None else []
     with finishing(terminal.warn):
-        page = report_file or targets.report
-        write_text(page, report(result, result.localization, written=files))
+        pages = [report_file or targets.report]
+        try:
+            write_text(pages[0], report(result, result.localization, written=files))
+        except (HeavebondError, OSError):
+            raise
+        except Exception as fault:  # the results are printed and written to the other files
+            terminal.warn(f"the report {pages.pop()} is not written, by a fault of heavebond itself, "
+                          f"{type(fault).__name__}: {fault}")
     console = terminal.output()
     if (files or proposed) and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
-    for path in (*files, *proposed, page):
+    for path in (*files, *proposed, *pages):
         console.print(f"wrote {path}", soft_wrap=True)
     if result.partial and not result.faults:
         again = "with --resume continues" if kept_lines.known else "searches anew"
@@ -102,10 +108,10 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
     if result.verdict == "shape":
         console.print(f"for a law outside the catalogue as a formula: heavebond laws {experiment}", soft_wrap=True)
-    figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+    figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, *pages)]}
     if result.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
         raise Interrupted(number, figures)
-    if result.faults:
+    if result.faults or not pages:
         error = FaultError("a part of the search ended by a fault of heavebond itself, not of your files",
                            hint="The answer above states the fault, and holds what was known before. Report it with the "
                            "files of the command to who maintains heavebond for you.")

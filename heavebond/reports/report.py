@@ -265,8 +265,10 @@ def _residual(diagnosis: Diagnosis) -> Html:
     if not diagnosis.steps:
         return noise(diagnosis)
     first = "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
-    names = [f"the diagram with {diagnosis.findings[k - 1].candidate.label}" if k and diagnosis.verdict != "parameters"
-             else first for k in range(len(diagnosis.steps))]
+    # the last step may have chosen no effect, and effects that are not certain are no findings
+    added = diagnosis.added if diagnosis.verdict != "parameters" else ()
+    names = [f"the diagram with {added[min(k, len(added)) - 1].candidate.label}" if k and added else first
+             for k in range(len(diagnosis.steps))]
     note = "Tests on the fitted samples. If no effect is missing, at least one answer is a false yes in 2 of 100 cases."
     return joined([tests(diagnosis.steps, names), element("p", note, class_="quiet small"), noise(diagnosis)])
 
