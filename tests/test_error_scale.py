@@ -400,3 +400,27 @@ def test_an_fmu_near_the_ambient_temperature(version: int, tmp_path: Path) -> No
     export_fmu(hb.loads(COOLING), path := tmp_path / "m.fmu", version=version)
     found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=500, output_interval=5, record_events=False)
     assert worst(found["T"] - 293.15, cooled(found["time"])) < 1e-5
+
+
+RUBBED = """
+model: rubbed
+parameters: {mass: 1 kg}
+components:
+  ground: {is: Fixed}
+  f: {is: DryFriction, F_c: =mass*1 N/kg, F_s: =mass*1 N/kg}
+  m: {is: Mass, m: =mass}
+  push: {is: ForceSource, u: "=2*mass*(1 m/s**2)*sin(2*pi*time/(1 s))"}
+nodes: {g: [ground.a, f.a], b: [f.b, m.a, push.a]}
+initial: {b.x: 0 m, b.v: 0 m/s}
+simulate: {until: 0.4 s, every: 10 ms}
+"""
+
+
+@pytest.mark.parametrize("mass", [1e-9, 1e-6, 1e6])
+def test_dry_friction_holds_and_slides_for_bodies_of_any_mass(mass: float) -> None:
+    """a = 2 sin(w t) - 1 from the breakaway at sin(w t_0) = 1/2 on, with the default constants of the friction."""
+    run = hb.simulate(hb.loads(RUBBED), parameters={"mass": mass})
+    w, t = 2 * np.pi, run.time
+    phase, begin = np.maximum(w * t, np.pi / 6), np.pi / 6
+    speed = (2 * (np.cos(begin) - np.cos(phase)) - (phase - begin)) / w
+    assert np.abs(run["b.v"] - speed).max() < 1e-7  # 1e-8 a step, in some hundred steps

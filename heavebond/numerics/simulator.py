@@ -21,6 +21,7 @@ from heavebond.language.sections import FIXED_STEP
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import (
+    LARGE,
     Array,
     Assembly,
     Factors,
@@ -376,7 +377,17 @@ class Simulator:
         its steps miss."""
         if self._limit_steps(first.p, first.x):
             self._renew()
-        found = self._integrate(assembly, first, start_tangent)
+        if again is not None and (sizes := self._steep_sizes(assembly, first)):
+            self._take_sizes({**self.assembly.sizes, **sizes})
+            assembly, first, start_tangent = again()
+        try:
+            found = self._integrate(assembly, first, start_tangent)
+        except SimulationError as error:
+            if again is None or not (sizes := self._sizes_before(error)):
+                raise
+            self._take_sizes({**self.assembly.sizes, **sizes})
+            assembly, first, start_tangent = again()
+            found = self._integrate(assembly, first, start_tangent)
         remarks: dict[str, object] = {}
         if again is None:
             return assembly, first, start_tangent, found, remarks
@@ -554,6 +565,39 @@ class Simulator:
         assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
         return fitting_sizes(assembly, wanted, origins, hidden, columns, steps, self.tolerances.atol)
+
+    def _steep_sizes(self, assembly: Assembly, first: Start) -> dict[str, Size]:
+        """Sizes of algebraic unknowns whose absolute tolerance would be a large error of a rate at the start: forces on
+        a body of 1 mg, for example."""
+        if self.step or not len(first.z) or len(first.z) >= LARGE:
+            return {}
+        slopes = assembly.once("rates by algebraic unknowns", lambda: ca.Function(
+            "slopes", list(assembly.arguments), [ca.jacobian(assembly.ode, assembly.arguments[2])]))
+        u = self.pieces.at(np.array([first.t]))[:, 0]
+        gradients = np.abs(np.array(slopes(first.t, first.x, first.z, first.p, u, 1.0))) / assembly.x_nominal[:, None]
+        steepest = (gradients * min(1.0, float(self.stops[-1] - self.stops[0]))).max(axis=0, initial=0.0)
+        return {name: Size(float(10.0 ** np.floor(np.log10(SIZES.steep / slope))))
+                for name, slope, nominal in zip(assembly.algebraic_names, steepest, assembly.z_nominal, strict=True)
+                if np.isfinite(slope) and slope * nominal > SIZES.steep}
+
+    def _sizes_before(self, error: SimulationError) -> dict[str, Size]:
+        """Sizes that fit the algebraic unknowns of a run up to its failure: far below their nominal sizes, their absolute
+        tolerance is an error of the rates that no step is short enough for (forces on a body of 1 mg)."""
+        if self._unexplained is None or error.problems[0].code != "integration-failed" or not self.assembly.algebraic_names:
+            return {}
+        stopped = self._stop_time(stop_times(self._unexplained[3]))
+        if not stopped > self.begin:
+            return {}
+        times = self.begin + (stopped - self.begin) * SIZES.before_failure * np.linspace(0.0, 1.0, SIZES.least_stops)
+        try:
+            before = type(self)(self.assembly, times=times, tolerances=self.tolerances, driven=self.pieces
+                                if self.assembly.flat.inputs else None, allow_fmu=True).run()
+        except HeavebondError:
+            return {}
+        reached = dict(zip(self.assembly.algebraic_names, np.abs(before.z).max(axis=1).tolist(), strict=True))
+        nominal = dict(zip(self.assembly.algebraic_names, self.assembly.z_nominal.tolist(), strict=True))
+        return {name: Size(float(10.0 ** np.ceil(np.log10(value)))) for name, value in reached.items()
+                if SIZES.zero * nominal[name] < value < SIZES.algebraic * nominal[name]}
 
     def _stepped_over(self, assembly: Assembly, first: Start, trace: Trace) -> Array:
         """The instants (n,) of narrow functions of states (see `narrow_functions`), if a run has stepped over one."""

@@ -58,6 +58,12 @@ class SizeConstants:
         that contain them. Origin: a tenth of a second. Doubled: eight times that.
     least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few
         cycles. Doubled: more runs are made once more with these stops where an unknown seems small.
+    steep: change of a state in its nominal size in 1 s, or in a shorter run, by the rate that belongs to an algebraic
+        unknown of its nominal size, above which this is taken smaller. Origin: at the default tolerances the absolute one of
+        the unknown is then an error of 1e-3 of the rate, and all machines of the library are below it. Doubled: runs of tiny
+        bodies are slower.
+    before_failure: share of the time up to a failure that shows the sizes of algebraic unknowns. Origin: the run up to there
+        has to succeed. Halved: the same sizes, unless a motion begins just before the failure.
     """
 
     small: float = 1e-4
@@ -72,6 +78,8 @@ class SizeConstants:
     points: int = 16
     dense: int = 40
     least_stops: int = 100
+    before_failure: float = 0.99
+    steep: float = 1e7
 
 
 SIZES = SizeConstants()
