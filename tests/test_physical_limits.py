@@ -25,6 +25,7 @@ from heavebond.numerics.simulator import Simulator
 from heavebond.optimise.objective import TuningProblem, ranges
 from heavebond.optimise.tuning import tune
 
+MODELS = Path(hb.__file__).parent.parent / "models"
 # 2 L/min out of 2 L of oil: dp/dt = -q beta/V = -250 bar/s from 10 bar, vacuum after 11.01325/250 s
 SUCKING = """
 model: sucking
@@ -211,6 +212,17 @@ def test_a_start_below_a_limit_is_an_error(tmp_path: Path) -> None:
     for name in ("run", "check", "energy"):
         code, said, _ = command(tmp_path, SUCKING.replace("10 bar", "-10 bar"), name=name)
         assert code == 1 and "oil.p" in said and "Cavitation" in said, name
+
+
+@pytest.mark.parametrize("more", [{}, {"sensitivities": ["cylinder.beta"]}, {"solver": "rk4", "step": 1e-4}])
+def test_a_start_below_a_limit_is_reported_before_the_integration(more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+                                                                   ) -> None:
+    text = (MODELS / "cylinder_rig" / "cylinder_rig.yaml").read_text(encoding="utf-8")
+    model = hb.loads(text.replace("load.x: 0 m", "load.x: -10 m"))
+    monkeypatch.setattr(Simulator, "_integrate", lambda *_: pytest.fail("it integrates"))
+    with pytest.warns(RunWarning, match=r"cylinder\.V_A falls below 0 m\*\*3 at 0 s"):
+        run = hb.simulate(model, **more)
+    assert run.verdict.failed and list(run.time) == [0.0]
 
 
 def test_a_component_declares_the_limit_of_its_variable(tmp_path: Path) -> None:

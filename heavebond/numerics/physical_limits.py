@@ -3,7 +3,7 @@ volume."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -16,6 +16,7 @@ from heavebond.core.presentation import readable
 from heavebond.equations.resolver import Unknown
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.run_verdict import Verdict
 from heavebond.numerics.validity import crossing_time, finding_of, physical_grace
@@ -80,6 +81,17 @@ def limited(assembly: Assembly) -> Limited:
                        Probe(assembly, [flat.unknowns[j].name for j in chosen if j not in row], si=True))
 
     return assembly.once("physical limits", compiled)
+
+
+def is_outside(assembly: Assembly, columns: Sequence[Array]) -> bool:
+    """Whether a variable is below its physical limit by more than its grace in any run, at one of N points; `columns` are
+    the arguments of the equations there (., N)."""
+    of = limited(assembly)
+    if not of.unknowns:
+        return False
+    function = assembly.once("margins", lambda: ca.Function("margins", list(assembly.arguments), [ca.densify(of.margins)]))
+    margins, = evaluated(assembly, function, columns)
+    return bool((margins < -of.graces[:, None]).any())
 
 
 def check_limits(result: Result, whole: Result | None = None) -> None:

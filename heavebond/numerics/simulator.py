@@ -49,7 +49,7 @@ from heavebond.numerics.kinks import passed_jumps
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.narrow_functions import NARROW, NarrowFunctions, missed
 from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, largest_step_of, refined, step_of
-from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
+from heavebond.numerics.physical_limits import WATCHED, check_limits, is_outside, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
 from heavebond.numerics.sizes import EPS, SIZES, FittingSizes, far_below, fitting_sizes, little_moved
@@ -377,6 +377,8 @@ class Simulator:
         its steps miss."""
         if self._limit_steps(first.p, first.x):
             self._renew()
+        if is_outside(assembly, self._columns(assembly, first, self.stops[:1], first.x[:, None], first.z[:, None])):
+            return assembly, first, start_tangent, self._start_only(first, start_tangent), {}
         if again is not None and (sizes := self._steep_sizes(assembly, first)):
             self._take_sizes({**self.assembly.sizes, **sizes})
             assembly, first, start_tangent = again()
@@ -413,7 +415,10 @@ class Simulator:
             assembly, first, start_tangent = restarted
         if hidden:
             remarks["rounded"] = hidden
-        if self.looks_between and self.dense:  # stops at the passages of one run are not those of the next run of a search
+        outside = not found.stays and is_outside(assembly, self._columns(
+            assembly, first, self.stops if found.ended is None else found.ended, found.x, found.z, found))
+        # stops at the passages of one run are not those of the next run of a search
+        if self.looks_between and self.dense and not outside:
             for repeats_left in reversed(range(NARROW.passes)):
                 unresolved = self._stepped_over(assembly, first, found)
                 if not len(unresolved):
@@ -671,9 +676,7 @@ class Simulator:
 
     def _integrate(self, assembly: Assembly, first: Start, start_tangent: Tangent | None) -> Trace:
         if len(self.stops) == 1 and self.switching is None:
-            x = first.x if start_tangent is None else np.concatenate([first.x, start_tangent.x.T.ravel()])
-            z = first.z if start_tangent is None else np.concatenate([first.z, start_tangent.z.T.ravel()])
-            return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
+            return replace(self._start_only(first, start_tangent), ended=None)
         self._check_rates(assembly, first)
         attempt = self.attempt if self.switching is None else self.switching.run
         failed = ""
@@ -690,6 +693,24 @@ class Simulator:
                 raise KeyboardInterrupt
             raise self._failure(assembly, first, failed + "\n" + message)
         return trace if trace.between is None else replace(trace, between=cache(trace.between))  # it is needed twice
+
+    def _start_only(self, first: Start, start_tangent: Tangent | None) -> Trace:
+        """The trace of a run that ends at its start."""
+        x = first.x if start_tangent is None else np.concatenate([first.x, start_tangent.x.T.ravel()])
+        z = first.z if start_tangent is None else np.concatenate([first.z, start_tangent.z.T.ravel()])
+        held = [h.index for h in self.assembly.flat.held]
+        return Trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), first.p[held][:, None],
+                     np.zeros((len(self.sensitivities), len(held), 1)), (), {}, ended=self.stops[:1])
+
+    def _columns(self, assembly: Assembly, first: Start, times: Array, x: Array, z: Array, trace: Trace | None = None
+                 ) -> tuple[Array, ...]:
+        """The arguments (., N) of the equations at points of a run, or of its start."""
+        n = len(times)
+        p = np.tile(first.p[:, None], (1, n))
+        if trace is not None:
+            p[[h.index for h in self.assembly.flat.held]] = trace.held
+        u = self.pieces.at(times) if trace is None or trace.driven is None else trace.driven.u
+        return times[None, :], x[:len(first.x)], z[:len(first.z)], p, u, np.ones((1, n))
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """SimulationError if a state near the start changes faster than solvers can count."""
