@@ -360,6 +360,40 @@ def test_gains_at_an_operating_point_that_the_gains_reach(tmp_path: Path) -> Non
     assert value == pytest.approx(np.exp(1j * (np.radians(60) - np.pi)), abs=1e-4)
 
 
+def test_a_state_feedback_is_that_of_python_control(tmp_path: Path) -> None:
+    """Two carts, with a force on each; the second measured value contains the command directly."""
+    control = pytest.importorskip("control")
+    file = tmp_path / "carts.yaml"
+    file.write_text("""model: carts
+components:
+  feedback: {is: MatrixGain, K: [[0 N, 0 N, 0 N, 0 N], [0 N, 0 N, 0 N, 0 N]],
+             u: ["=left.x/1 m", "=left.v/(1 m/s) + pushed.u/9 N", "=right.x/1 m", "=right.v/(1 m/s)"]}
+  pushed:  {is: ForceSource, u: "=feedback.y[1]"}
+  pulled:  {is: ForceSource, u: "=feedback.y[2]"}
+  left:    {is: Mass, m: 2 kg}
+  right:   {is: Mass, m: 1 kg}
+  spring:  {is: SpringDamper, c: 40 N/m, d: 0.5 N*s/m}
+nodes: {left: [pushed.a, left.a, spring.a], right: [pulled.a, right.a, spring.b]}
+initial: {left.x: 0.3 m, left.v: 0 m/s, right.x: -0.2 m, right.v: 0 m/s}
+simulate: {until: 8 s, every: 50 ms}
+""", encoding="utf-8")
+    words = ["design", str(file), "--lqr", "feedback", "--weigh", "left.x=20 mm", "--weigh", "right.x=10 mm", "--effort"]
+    figures = tmp_path / "figures.json"
+    run = CliRunner().invoke(main, [*words, "2, 3", "--over", "right.m=2 kg", "--in-place", "--json", str(figures)])
+    assert run.exit_code == 0, run.output
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    a = np.array([[0, 1, 0, 0], [-20, -0.25, 20, 0.25], [0, 0, 0, 1], [40, 0.5, -40, -0.5]])
+    b, c, d = np.array([[0, 0], [0.5, 0], [0, 0], [0, 1.0]]), np.eye(4), np.array([[0, 0], [1 / 9, 0], [0, 0], [0, 0]])
+    gain, _, poles = control.lqr(a, b, np.diag([1 / 0.02**2, 0, 1 / 0.01**2, 0]), np.diag([1 / 4, 1 / 9]))
+    assert np.array(found["k"]) @ (c - d @ gain) == pytest.approx(-np.asarray(gain), rel=1e-7, abs=1e-7)
+    closed = hb.modes(file)
+    assert all(min(abs(mode.value - pole) for pole in poles) < 1e-6 * abs(mode.value) for mode in closed.modes)
+    assert {"design, feedback.y[1]", "right.m = 2 kg, feedback.y[2]"} < found["margins"].keys()
+    file.write_text(file.read_text(encoding="utf-8").replace("=right.v/(1 m/s)", "=right.x/1 m"), encoding="utf-8")
+    run = CliRunner().invoke(main, [*words, "2, 3"])
+    assert run.exit_code == 2 and "do not determine the 4 states" in run.output and "right.v" in run.output
+
+
 PUSHED_CART = """model: cart
 components:
   control: BLOCK

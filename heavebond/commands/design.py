@@ -1,5 +1,5 @@
-"""`heavebond design`: gains, compensators, filters, observer and predictive controllers by their specification, written into
-a diagram."""
+"""`heavebond design`: gains, compensators, filters, regulators, observer and predictive controllers by their specification,
+written into a diagram."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 # the tasks on which an option has an effect, by the names of the options in Python
 _TASKS = {**dict.fromkeys(("crossover", "bandwidth", "phase_margin"), ("free", "lead")),
           **dict.fromkeys(("kind", "order", "cut_off", "band", "ripple", "attenuation"), ("filter",)),
-          **dict.fromkeys(("weigh", "effort", "disturbances", "noise"), ("lqg", "mpc")), "horizon": ("mpc",),
-          **dict.fromkeys(("overs", "at"), ("free", "lead", "notch", "lqg", "mpc"))}
+          **dict.fromkeys(("weigh", "effort"), ("lqr", "lqg", "mpc")),
+          **dict.fromkeys(("disturbances", "noise"), ("lqg", "mpc")), "horizon": ("mpc",),
+          **dict.fromkeys(("overs", "at"), ("free", "lead", "notch", "lqr", "lqg", "mpc"))}
 
 
 @click.command(short_help="Design gains, notches, filters, observer and predictive controllers.")
@@ -62,6 +63,7 @@ _TASKS = {**dict.fromkeys(("crossover", "bandwidth", "phase_margin"), ("free", "
               help="With --filter: ripple of chebyshev 1 in dB.")
 @click.option("--attenuation", type=Number(0, min_open=True), default=40.0, show_default=True,
               help="With --filter: attenuation of chebyshev 2 in dB.")
+@click.option("--lqr", metavar="BLOCK", help="Matrix of a MatrixGain that measures all states: optimal state feedback.")
 @click.option("--lqg", metavar="BLOCK",
               help="Matrices of a LinearSystem or DiscreteStateSpace: regulator with Kalman filter.")
 @click.option("--mpc", metavar="BLOCK",
@@ -90,7 +92,7 @@ _TASKS = {**dict.fromkeys(("crossover", "bandwidth", "phase_margin"), ("free", "
 def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None, notch: str | None,
            schedule: str | None, crossover: str | None, bandwidth: str | None, phase_margin: str | None,
            filtered: str | None, kind: str, order: int, cut_off: str | None, band: str, ripple: float, attenuation: float,
-           lqg: str | None, mpc: str | None, horizon: int, weigh: tuple[str, ...], effort: str,
+           lqr: str | None, lqg: str | None, mpc: str | None, horizon: int, weigh: tuple[str, ...], effort: str,
            disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None, settings: tuple[str, ...],
            written: Path | None, in_place: bool) -> dict[str, object]:
     """Design a controller of DIAGRAM on the linearised machine, with its samples, holds and delays.
@@ -115,8 +117,8 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
     if loop is None and (lead or notch or schedule or free):
         raise UsageError([Problem("design-task", "--free, --lead, --notch and --schedule need the signal of the loop", None,
                                   "Add for example --loop controller.y.")])
-    if sum(task is not None for task in (loop, filtered, lqg, mpc)) != 1:
-        raise UsageError([Problem("design-task", "exactly one of --loop, --filter, --lqg and --mpc is needed", None,
+    if sum(task is not None for task in (loop, filtered, lqr, lqg, mpc)) != 1:
+        raise UsageError([Problem("design-task", "exactly one of --loop, --filter, --lqr, --lqg and --mpc is needed", None,
                                   "Write for example --loop controller.y --free controller.K_p --crossover '1 Hz'.")])
     if loop is not None and sum([bool(free), lead is not None, notch is not None]) > 1:
         raise UsageError([Problem("design-task", "with --loop exactly one of --free, --lead and --notch is needed", None,
@@ -125,8 +127,8 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         raise UsageError([Problem("design-task", "--schedule cannot be combined with --lead or --notch", None,
                                   "Give the gains of the table, for example --free control.K_p,control.K_i.")])
     _check_options("free" if schedule is not None else next(
-        task for task, block in (("lead", lead), ("notch", notch), ("filter", filtered), ("lqg", lqg), ("mpc", mpc),
-                                 ("free", loop)) if block is not None))
+        task for task, block in (("lead", lead), ("notch", notch), ("filter", filtered), ("lqr", lqr), ("lqg", lqg),
+                                 ("mpc", mpc), ("free", loop)) if block is not None))
     if written is not None:
         check_new(written, (".yaml",))
     if in_place and not Path(model).is_file():
@@ -147,7 +149,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], lead: str | None
         elif filtered is not None:
             items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
         else:
-            items, texts, figures = _observer(diagram, lqg, mpc, weigh, effort, disturbances, noise, horizon, at, overs)
+            items, texts, figures = _observer(diagram, lqr, lqg, mpc, weigh, effort, disturbances, noise, horizon, at, overs)
     terminal.show(items)
     if figures.get("verdict") == UNSTABLE:
         problem = ModelError([Problem(
@@ -266,14 +268,15 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
         lists, {"b": b.tolist(), "a": a.tolist(), "period": period}
 
 
-def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[str], effort: str,
+def _observer(diagram: Model, lqr: str | None, lqg: str | None, mpc: str | None, weigh: Sequence[str], effort: str,
               disturbances: Sequence[str], noise: str, horizon: int, at: str | None, overs: Sequence[str]
               ) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
-    """The tables, the values and the figures of an LQG controller, or of a predictive controller."""
+    """The tables, the values and the figures of a state feedback, an LQG controller or a predictive controller."""
     from heavebond.core.presentation import count
     from heavebond.core.quantities import si_value
-    from heavebond.linear.design import design_lqg, design_mpc
+    from heavebond.linear.design import ObserverController, StateFeedback, design_lqg, design_lqr, design_mpc
     from heavebond.linear.stability import UNSTABLE
+    from heavebond.numerics.dae import assemble
     from heavebond.reports.analysis_tables import observer_items
 
     def numbers(option: str, texts: Sequence[str]) -> list[float]:
@@ -281,12 +284,17 @@ def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[
 
     deviations = settings_of("--weigh", weigh, "load.x='1 mm'")
     densities = settings_of("--disturbance", disturbances, "load.f='10 N'")
-    if not deviations or not densities:
-        raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
-                                  "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
+    if not deviations or (lqr is None and not densities):
+        filtered, example = (", and its filter --disturbance", " --disturbance force.u='10 N'") if lqr is None else ("", "")
+        raise UsageError([Problem("design-weights", f"a regulator needs --weigh{filtered}", None,
+                                  f"Write for example --weigh load.x='1 mm'{example}.")])
     sizes = deviations, numbers("--effort", list_items(effort)), densities, numbers("--noise", list_items(noise))
-    block, title, points = lqg or mpc or "", "observer controller", _points(overs)
-    if mpc is not None:
+    block, title, points = lqr or lqg or mpc or "", "observer controller", _points(overs)
+    result: ObserverController | StateFeedback
+    if lqr is not None:
+        result, title = design_lqr(diagram, block, *sizes[:2], at=at, points=points), "state feedback"
+        matrices, counts = {"K": result.matrix}, {}
+    elif mpc is not None:
         design = design_mpc(diagram, block, *sizes, horizon=horizon, at=at, points=points)
         result, title = design.controller, f"predictive controller with a horizon of {count(horizon, 'sample')}"
         matrices = {"A": design.a, "B": design.b, "C": design.c, "L": design.observer, "F": design.plan,
@@ -296,8 +304,11 @@ def _observer(diagram: Model, lqg: str | None, mpc: str | None, weigh: Sequence[
         result = design_lqg(diagram, block, *sizes, at=at, points=points)
         matrices, counts = {"A": result.a, "B": result.b, "C": result.c}, {"n": len(result.a)}
     texts: dict[str, Tree] = {f"{block}.{name}": str(number) for name, number in counts.items()}
+    units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
+    period = result.period if isinstance(result, ObserverController) else None
     for name, matrix in matrices.items():
-        per = " 1/s" if result.period is None and name != "C" else ""
+        unit = "" if lqr is not None or name == "C" or period is not None else "1/s"
+        per = f" {units[f'{block}.K[1][1]'].text if lqr is not None else unit}".removesuffix(" ").removesuffix(" 1")
         rows: list[Tree] = [[f"{value!r}{per}" for value in row] for row in matrix.reshape(-1, matrix.shape[-1]).tolist()]
         texts[f"{block}.{name}"] = rows if matrix.ndim == 2 else rows[0]
     at_design = {found.verdict for name, found in result.points.items() if name.partition(",")[0] == "design"}

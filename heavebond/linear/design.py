@@ -650,6 +650,48 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
 
 
 @dataclass(frozen=True)
+class StateFeedback:
+    """An optimal state feedback u = `matrix` y (m, n) of n measured values that determine the `states`; `poles` (n,) of the
+    closed loop in 1/s, `points` as in `ObserverController`."""
+
+    states: tuple[str, ...]
+    matrix: Array
+    poles: Complex
+    points: Mapping[str, Crossings]
+
+    def __repr__(self) -> str:
+        return brief(self, f"{len(self.states)} states", f"poles {np.round(self.poles, 4)}")
+
+
+def design_lqr(model: ModelOrFile, block: str, weigh: Mapping[str, float | str], effort: Sequence[float], *,
+               at: Time | None = None, points: Mapping[str, Mapping[str, float | str]] | None = None) -> StateFeedback:
+    """A linear quadratic regulator for a `MatrixGain` of a diagram, which measures as many values as the machine has states.
+
+    The `block` minimises the weighted squares of `weigh` and `effort` (see `design_lqg`) of the linearised machine at the
+    operating point `at`; `points` as there. Raises UsageError if the inputs do not determine the states, and for a machine
+    with samples.
+    """
+    diagram = loaded(model)
+    plant = _plant(diagram, block, ("K",), weigh, effort, {}, at)
+    a, b, c, d = plant.of_block
+    if plant.period is not None:
+        raise UsageError([Problem("design-sampled", f"the machine around {block} contains samples", None, "Design a "
+                                  "DiscreteStateSpace by --lqg, or remove the samples.")])
+    # an observer is not needed: its gain is that of one that measures all states
+    controller = lqg((a, b, np.eye(len(a))), plant.weights, (np.eye(len(a)), np.eye(len(a))), states=plant.states)
+    _check_decaying("regulator", a - b @ controller.gain, plant)
+    closed = c - d @ controller.gain  # the measured values by the states
+    if len(c) != len(a) or np.linalg.matrix_rank(closed) < len(a):
+        raise UsageError([Problem("design-states", f"the {count(len(c), 'input')} of {block} do not determine the "
+                                  f"{count(len(a), 'state')} of the machine: {listing(plant.states)}", None,
+                                  "Measure each state, or design an observer controller by --lqg.")])
+    matrix = np.asarray(-np.linalg.solve(closed.T, controller.gain.T).T, dtype=float)
+    outputs = [f"{block}.y[{k + 1}]" for k in range(len(matrix))]
+    values = _block_values(diagram, block, {}, {"K": matrix}, {})
+    return StateFeedback(plant.states, matrix, controller.poles[0], _loops_of_outputs(diagram, values, outputs, at, points))
+
+
+@dataclass(frozen=True)
 class PredictiveDesign:
     """The matrices of a `PredictiveController` with a `horizon` of N samples for m commands: its Kalman filter x[k+1] = a
     x[k] + b u[k] + observer (y[k] - c x[k]) with k measured values y. `plan` (N (2 m + k), n) are
@@ -688,7 +730,8 @@ def design_mpc(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
     less than one sample or more than 30 commands.
     """
     diagram = loaded(model)
-    controller, (a, b, c, d, effort_weight) = _regulated(diagram, block, ("F", "W"), weigh, effort, disturbances, noise, at)
+    controller, plant = _regulated(diagram, block, ("F", "W"), weigh, effort, disturbances, noise, at)
+    a, b, c, d = plant.of_block
     outputs, most = b.shape[1], HORIZON // b.shape[1]
     if not 1 <= horizon <= most:
         several = "" if outputs == 1 else f" ({HORIZON} commands of {count(outputs, 'output')})"
@@ -697,13 +740,13 @@ def design_mpc(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
                                   f"horizon={min(10, most)}).")])
     period = controller.period
     assert period is not None
-    shape = np.linalg.inv(np.linalg.cholesky(effort_weight + b.T @ controller.least @ b)).T
-    plan, response = _plan((a, b, c, d), controller.gain, shape, horizon)
+    shape = np.linalg.inv(np.linalg.cholesky(plant.weight + b.T @ controller.least @ b)).T
+    plan, response = _plan(plant.of_block, controller.gain, shape, horizon)
     measured = response[2 * horizon * outputs:].reshape(horizon, len(c), -1)
     soft = DESIGN.soft * np.linalg.norm(measured, axis=2).max(axis=0)
     entry = b - controller.observer @ d  # into the estimate of the filter, which reads y - C x
     # without active limits a horizon of one sample is sufficient for the margins
-    first, corrected = _plan((a, b, c, d), controller.gain, shape, 1)
+    first, corrected = _plan(plant.of_block, controller.gain, shape, 1)
     values = _block_values(diagram, block, {"n": len(a), "N": 1}, {
         "A": a, "B": entry, "C": c, "L": controller.observer, "F": first, "W": corrected, "S": soft}, LIMITS)
     controller = replace(controller, points=_loops_of_outputs(
@@ -786,11 +829,40 @@ def _feedthrough(diagram: Model, block: str, commands: int, measured: int, at: T
     return np.array([new for new, _ in rows]), np.array([old for _, old in rows])
 
 
-def _regulated(diagram: Model, block: str, through: tuple[str, str], weigh: Mapping[str, float | str],
-               effort: Sequence[float], disturbances: Mapping[str, float | str], noise: Sequence[float], at: Time | None
-               ) -> tuple[ObserverController, tuple[Array, Array, Array, Array, Array]]:
-    """The LQG controller for a block, and the plant (A, B, C, D) with the weight R of the commands; the block has no effect
-    if its matrices `through` are 0."""
+@dataclass(frozen=True)
+class _Plant:
+    """A linearised machine without a block: inputs are the `commands` outputs of the block, and disturbances divided by
+    their sizes; outputs are the `measured` inputs of the block, and weighed values divided by their sizes. `weight` (m, m)
+    is the weight R of the commands."""
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    states: tuple[str, ...]
+    commands: int
+    measured: int
+    weight: Array
+    period: float | None
+
+    @property
+    def of_block(self) -> tuple[Array, Array, Array, Array]:
+        """The matrices from the commands to the measured values."""
+        return self.a, self.b[:, :self.commands], self.c[:self.measured], self.d[:self.measured, :self.commands]
+
+    @property
+    def weights(self) -> tuple[Array, Array, Array]:
+        """The matrices Q, R and N of the regulator."""
+        weighed, length = self.c[self.measured:], self.period or 1.0
+        return length * weighed.T @ weighed, self.weight, length * weighed.T @ self.d[self.measured:, :self.commands]
+
+
+BLOCKS = {"K": "a MatrixGain", "C": "a LinearSystem or a DiscreteStateSpace", "F": "a PredictiveController"}
+
+
+def _plant(diagram: Model, block: str, through: tuple[str, ...], weigh: Mapping[str, float | str], effort: Sequence[float],
+           disturbances: Mapping[str, float | str], at: Time | None) -> _Plant:
+    """The machine without a block, which has no effect if its matrices `through` are 0."""
     plain = StateSpaces(diagram, [], []).points.assembly
     block_outputs, block_inputs = ([n for n in plain.flat.names if n.partition("[")[0] == f"{block}.{port}"]
                                    for port in "yu")
@@ -800,15 +872,11 @@ def _regulated(diagram: Model, block: str, through: tuple[str, str], weigh: Mapp
     if through[0] == "C":
         blocks = [name for name in blocks if f"{name}.F[1][1]" not in plain.parameter_names]
     if not block_outputs or not block_inputs or not matrices or block not in blocks:
-        kinds = "a LinearSystem or a DiscreteStateSpace" if through[0] == "C" else "a PredictiveController"
+        kinds = BLOCKS[through[0]]
         raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y" if
-                                  through[0] == "C" else f"'{block}' is not a PredictiveController", None,
+                                  through[0] == "C" else f"'{block}' is not {kinds}", None,
                                   f"Name {kinds}{_of_diagram(blocks)}.")])
-    for subject, sizes, ports in (("effort", effort, block_outputs), ("noise", noise, block_inputs)):
-        if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
-            raise UsageError([Problem("design-sizes", f"{subject} needs {count(len(ports), 'number')} above 0", None,
-                                      f"Give one for each of {listing(ports)}, for example "
-                                      f"--{subject} '{', '.join(['1'] * len(ports))}'.")])
+    _check_sizes("effort", effort, block_outputs)
     outputs = [*block_inputs, *(f"({text})" for text in weigh)]
     system = StateSpaces(diagram, [*block_outputs, *disturbances], outputs, at).at(dict.fromkeys(matrices, 0.0))
     weigh_sizes = _sizes("weigh", weigh, system.units[2][len(block_inputs):])
@@ -825,35 +893,55 @@ def _regulated(diagram: Model, block: str, through: tuple[str, str], weigh: Mapp
     c, d = system.c[:, machine] * scale, system.d.copy()
     states = [system.states[j] for j in machine]
     direct = np.abs(d) > LINEAR_SYSTEM.rounding * (np.abs(d) + np.abs(c) @ np.abs(b))
-    if system.period is not None and direct[:k, :m].any():
+    if system.period is not None and direct[:k, :m].any() and through[0] != "K":
         d[:k, :m], former = _feedthrough(diagram, block, m, k, at)
         for j in np.flatnonzero(former.any(axis=0)).tolist():  # a former command is a state
             a = np.block([[a, np.zeros((len(a), 1))], [np.zeros((1, len(a) + 1))]])
             b = np.vstack([b, np.eye(1, b.shape[1], j)])
             c = np.hstack([c, np.pad(former[:, j:j + 1], ((0, len(c) - k), (0, 0)))])
             states.append(f"the former {block_outputs[j]}")
-    # inputs: the outputs of the block, disturbances; outputs: the measured values, weighed values
     b, d = (np.hstack([matrix[:, :m], matrix[:, m:] * disturbance_sizes]) for matrix in (b, d))
     c, d = (np.vstack([matrix[:k], matrix[k:] / weigh_sizes[:, None]]) for matrix in (c, d))
-    length = 1.0 if system.period is None else system.period
-    effort_weight = length * (np.diag(1 / np.asarray(effort) ** 2) + d[k:, :m].T @ d[k:, :m])
-    entry, measured = b[:, m:], d[:k, m:]
-    controller = lqg(
-        (a, b[:, :m], c[:k], d[:k, :m]), (length * c[k:].T @ c[k:], effort_weight, length * c[k:].T @ d[k:, :m]),
-        (entry @ entry.T / length, (np.diag(np.asarray(noise) ** 2) + measured @ measured.T) / length,
-         entry @ measured.T / length), period=system.period, states=states)
-    for poles, matrix, role, option in ((controller.poles[0], a - b[:, :m] @ controller.gain, "regulator", "--weigh"),
-                                        (controller.poles[1], (a - controller.observer @ c[:k]).T, "observer",
-                                         "--disturbance")):
-        rates = -poles.real if system.period is None else 1 - np.abs(poles)
-        if not rates.min(initial=np.inf) > DESIGN.decay * np.abs(poles).max(initial=0.0):
-            vector = np.abs(np.linalg.eig(matrix)[1][:, int(np.argmin(rates))])
-            slow = [name for name, share in zip(states, vector, strict=True) if share > 0.1 * vector.max()]
-            raise UsageError([Problem("design-not-decaying", f"the {role} has a pole that does not decay, with "
-                                      f"{listing(slow)}", None, f"Add {option} for a signal that " + (
-                                          "contains it: the regulator ignores other variables." if option == "--weigh" else
-                                          "acts on it: without a disturbance the filter does not correct it."))])
-    return controller, (a, b[:, :m], c[:k], d[:k, :m], effort_weight)
+    weight = (system.period or 1.0) * (np.diag(1 / np.asarray(effort) ** 2) + d[k:, :m].T @ d[k:, :m])
+    return _Plant(a, b, c, d, tuple(states), m, k, weight, system.period)
+
+
+def _regulated(diagram: Model, block: str, through: tuple[str, str], weigh: Mapping[str, float | str],
+               effort: Sequence[float], disturbances: Mapping[str, float | str], noise: Sequence[float], at: Time | None
+               ) -> tuple[ObserverController, _Plant]:
+    """The LQG controller for a block, and the plant."""
+    plant = _plant(diagram, block, through, weigh, effort, disturbances, at)
+    _check_sizes("noise", noise, [f"{block}.u[{k + 1}]" for k in range(plant.measured)])
+    a, b, c, _ = plant.of_block
+    entry, measured = plant.b[:, plant.commands:], plant.d[:plant.measured, plant.commands:]
+    length = plant.period or 1.0
+    controller = lqg(plant.of_block, plant.weights, (
+        entry @ entry.T / length, (np.diag(np.asarray(noise) ** 2) + measured @ measured.T) / length,
+        entry @ measured.T / length), period=plant.period, states=plant.states)
+    _check_decaying("regulator", a - b @ controller.gain, plant)
+    _check_decaying("observer", (a - controller.observer @ c).T, plant)
+    return controller, plant
+
+
+def _check_sizes(subject: str, sizes: Sequence[float], ports: Sequence[str]) -> None:
+    """UsageError if there is not a number above 0 for each port of a block."""
+    if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
+        raise UsageError([Problem("design-sizes", f"{subject} needs {count(len(ports), 'number')} above 0", None,
+                                  f"Give one for each of {listing(ports)}, for example "
+                                  f"--{subject} '{', '.join(['1'] * len(ports))}'.")])
+
+
+def _check_decaying(role: str, matrix: Array, plant: _Plant) -> None:
+    """UsageError if the regulator, or the transposed observer, has a pole that does not decay."""
+    poles = np.linalg.eigvals(matrix).astype(complex)
+    rates = -poles.real if plant.period is None else 1 - np.abs(poles)
+    if not rates.min(initial=np.inf) > DESIGN.decay * np.abs(poles).max(initial=0.0):
+        vector = np.abs(np.linalg.eig(matrix)[1][:, int(np.argmin(rates))])
+        slow = [name for name, share in zip(plant.states, vector, strict=True) if share > 0.1 * vector.max()]
+        raise UsageError([Problem(
+            "design-not-decaying", f"the {role} has a pole that does not decay, with {listing(slow)}", None,
+            "Add --weigh for a signal that contains it: the regulator ignores other variables." if role == "regulator" else
+            "Add --disturbance for a signal that acts on it: without a disturbance the filter does not correct it.")])
 
 
 def _of_diagram(blocks: Sequence[str]) -> str:

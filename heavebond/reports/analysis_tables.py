@@ -11,7 +11,7 @@ from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
 from heavebond.language.model import Model
-from heavebond.linear.design import LoopDesign, ObserverController, ScheduleDesign
+from heavebond.linear.design import LoopDesign, ObserverController, ScheduleDesign, StateFeedback
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
 from heavebond.linear.margins import Crossings, Margin
 from heavebond.linear.modes import Modes
@@ -197,12 +197,14 @@ def schedule_items(model: Model, result: ScheduleDesign, block: str, free: Seque
             *_margin_items(result.checks)]
 
 
-def observer_items(title: str, result: ObserverController) -> list[Item]:
-    """The poles of a regulator and its observer, and the margins of the loop through each output of the block."""
-    rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
-    return [ResultTable(f"{title}, {count(len(result.a), 'state')}",
-                        ("poles of the regulator", "poles of the observer"), rows),
-            Line("in z, sampled every " + f"{result.period:g} s" if result.period is not None else "in 1/s"),
+def observer_items(title: str, result: ObserverController | StateFeedback) -> list[Item]:
+    """The poles of a regulator and of its observer, and the margins of the loop through each output of the block."""
+    poles = result.poles if isinstance(result, ObserverController) else (result.poles,)
+    period = result.period if isinstance(result, ObserverController) else None
+    rows = [tuple(f"{pole:.5g}" for pole in row) for row in zip(*poles, strict=True)]
+    return [ResultTable(f"{title}, {count(len(result.states), 'state')}",
+                        ("poles of the regulator", "poles of the observer")[:len(poles)], rows),
+            Line("in z, sampled every " + f"{period:g} s" if period is not None else "in 1/s"),
             *_margin_items(result.points)]
 
 
