@@ -72,7 +72,7 @@ LIKE = RIG.replace("{is: controller.fmu, step: 40 ms, law_gain: -0.02, in_2: 1}"
     "controller.position", "controller.u").replace("controller.force", "late.y")
 
 
-def make_fmu(path: Path, description: str) -> Path:
+def make_fmu(path: Path, description: str, source: Path = SOURCE) -> Path:
     """A packed FMU, compiled where there is a compiler."""
     folder, suffix = platform_of()
     with zipfile.ZipFile(path, "w") as archive:
@@ -80,7 +80,7 @@ def make_fmu(path: Path, description: str) -> Path:
         if COMPILER:
             library = path.with_suffix(".so")
             version = ["-DFMI3"] if 'fmiVersion="3.0"' in description else []
-            subprocess.run([COMPILER, "-std=c99", "-shared", "-fPIC", *version, str(SOURCE), "-o", str(library)], check=True)
+            subprocess.run([COMPILER, "-std=c99", "-shared", "-fPIC", *version, str(source), "-o", str(library)], check=True)
             for name in (folder, f"{'darwin' if sys.platform == 'darwin' else 'linux'}64"):
                 archive.write(library, f"binaries/{name}/controller{suffix}")
     return path
@@ -242,7 +242,6 @@ def test_an_fmu_that_asks_for_the_end_ends_the_run_with_its_results(rig: Path) -
 @pytest.mark.parametrize("extra", [
     '<String name="label" valueReference="9" causality="input" start="a"/>',
     '<Binary name="label" valueReference="9" causality="input"/>',
-    '<Clock name="label" valueReference="9" causality="input"/>',
     '<Float64 name="label" valueReference="9" causality="input" start="1"><Dimension start="100"/><Dimension start="90"/>'
     "</Float64>"])
 def test_variables_that_are_no_numbers_or_too_many_keep_their_start_values(extra: str, tmp_path: Path) -> None:
@@ -252,6 +251,57 @@ def test_variables_that_are_no_numbers_or_too_many_keep_their_start_values(extra
     assert "label" not in component.signals
     assert "label keeps its start value" in component.restrictions
     assert hb.simulate(model, until=0.2, allow_fmu=True)["controller.count"][-1] == 5
+
+
+CLOCKED = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Clocked" instantiationToken="1">
+INTERFACES<ModelVariables>
+<Float64 name="u" valueReference="1" causality="input" start="0"/>
+<Float64 name="x" valueReference="2" causality="local" start="0"/>
+<Float64 name="der(x)" valueReference="3" causality="local" derivative="2"/>
+<Float64 name="y" valueReference="4" causality="output" variability="discrete" clocks="10"/>
+<Int32 name="n" valueReference="5" causality="output"/>
+<Clock name="tick" valueReference="10" causality="input" intervalVariability="constant" INTERVAL/>
+</ModelVariables><ModelStructure><Output valueReference="4"/><Output valueReference="5"/>
+<ContinuousStateDerivative valueReference="3"/></ModelStructure></fmiModelDescription>"""
+CO_SIMULATION = '<CoSimulation modelIdentifier="controller" hasEventMode="true"/>'
+DECIMAL = 'intervalDecimal="0.3" shiftDecimal="0.1"'
+CLOCKED_RIG = """model: rig
+components: {part: {is: controller.fmu, step: 0.25 s, u: "=2 + 0*time/(1 s)"}}
+simulate: {until: 2 s, every: 0.25 s}
+"""
+
+
+def clocked(path: Path, interfaces: str, interval: str = DECIMAL) -> None:
+    make_fmu(path, CLOCKED.replace("INTERFACES", interfaces).replace("INTERVAL", interval), SOURCE.with_name("clocked.c"))
+
+
+@compiled
+@pytest.mark.parametrize(("interfaces", "interval"), [
+    (CO_SIMULATION, DECIMAL), ('<ModelExchange modelIdentifier="controller"/>', DECIMAL),
+    (CO_SIMULATION, 'intervalCounter="3" shiftCounter="1" resolution="10"'),
+    ('<ModelExchange modelIdentifier="controller"/><CoSimulation modelIdentifier="controller"/>', DECIMAL)])
+def test_the_clock_of_an_fmu_ticks_between_the_exchanges(interfaces: str, interval: str, tmp_path: Path) -> None:
+    """x' = 2; y = x at the ticks 0.1, 0.4, ... s, and no number at other times; n counts the ticks."""
+    clocked(tmp_path / "controller.fmu", interfaces, interval)
+    run = hb.simulate(hb.loads(CLOCKED_RIG, tmp_path), allow_fmu=True)
+    assert not run.verdict.findings
+    ticks = np.floor((run.time - 0.1 + 1e-9)/0.3) + 1
+    assert run["part.n"] == pytest.approx(ticks)
+    assert run["part.y"][1:] == pytest.approx(2*(0.1 + 0.3*(ticks[1:] - 1)), abs=1e-7)
+
+
+@compiled
+@pytest.mark.parametrize(("interfaces", "interval"), [
+    ('<CoSimulation modelIdentifier="controller"/>', DECIMAL), (CO_SIMULATION, ""),
+    (CO_SIMULATION, 'intervalDecimal="0"')])
+def test_a_clock_that_never_ticks_is_reported(interfaces: str, interval: str, tmp_path: Path) -> None:
+    clocked(tmp_path / "controller.fmu", interfaces, interval)
+    model = hb.loads(CLOCKED_RIG, tmp_path)
+    assert "Its clock tick never ticks." in model.library.component("controller.fmu").restrictions
+    with pytest.warns(hb.RunWarning, match=r"the clock part\.tick of an FMU never ticks"):
+        run = hb.simulate(model, allow_fmu=True)
+    assert run["part.n"][-1] == 0
 
 
 ARRAYS = """<UInt64 name="n" valueReference="8" causality="structuralParameter" variability="fixed" start="3"/>

@@ -593,7 +593,8 @@ class Body:
 @dataclass(frozen=True)
 class ForeignVariable:
     """A variable of an FMU: its `name` in the component, its name in the FMU, type and value reference. The SI value is
-    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`."""
+    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`. A `clocked`
+    variable is computed when a clock of the FMU ticks."""
 
     name: str
     own: str
@@ -603,11 +604,23 @@ class ForeignVariable:
     offset: float = 0.0
     element: int = 0
     size: int = 1
+    clocked: bool = False
+
+
+@dataclass(frozen=True)
+class ForeignClock:
+    """An input clock of an FMU: its name, value reference, interval in s, and first tick after the start in s."""
+
+    own: str
+    reference: int
+    interval: float
+    shift: float
 
 
 @dataclass(frozen=True)
 class Foreign:
-    """The FMU behind a component: its file, inputs and outputs. `has_solver` is false for an FMU for model exchange."""
+    """The FMU behind a component: its file, inputs and outputs. `has_solver` is false for an FMU for model exchange.
+    `clocks` are its periodic clocks; `idle_clocks` name its other input clocks, which never tick."""
 
     path: Path
     identifier: str
@@ -615,6 +628,8 @@ class Foreign:
     outputs: tuple[ForeignVariable, ...]
     parameters: tuple[ForeignVariable, ...]
     has_solver: bool = True
+    clocks: tuple[ForeignClock, ...] = ()
+    idle_clocks: tuple[str, ...] = ()
 
 
 _FIRST_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # of a name in a formula

@@ -10,18 +10,20 @@ and 3.0.1, https://fmi-standard.org.
 from __future__ import annotations
 
 import re
+import zipfile
 from fractions import Fraction
 from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from heavebond.core.errors import ModelError, Problem, listing
 from heavebond.core.limits import FMU_VARIABLES
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.numerals import number
 from heavebond.core.units import UnitProblem, declared_unit, dimension_of, dimension_text, read_unit
-from heavebond.language.definition import Foreign, ForeignVariable
+from heavebond.language.definition import Foreign, ForeignClock, ForeignVariable
 from heavebond.text.expression import KEYWORDS
 
 REAL = ("Real", "Float64", "Float32")
@@ -29,7 +31,9 @@ WHOLE = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 1
 NUMBERS = (*REAL, *WHOLE, "Boolean", "Enumeration")
 TAKEN = {*KEYWORDS, "time", "pi", "is", "at", "repeat", "step"}
 LONGEST_DOC = 200
+MOST_CLOCKS = 6  # clocks that the restrictions name
 EXCHANGE = "exchange"  # the event that exchanges the signals
+SHORTEST_INTERVAL = 1e-6  # of a clock, s; as for the step of an FMU
 LAST = "last_"  # prefix of the held variable of an output
 
 
@@ -38,10 +42,18 @@ def described(path: Path) -> tuple[str, Foreign]:
     description = _read(path)
     if description.fmiVersion[:1] not in "23":
         raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
-    interface = description.coSimulation or description.modelExchange
+    clocks, idle_clocks = _clocks(path, description)
+    # an FMU for co-simulation without events may have events, and therefore ticks, in model exchange
+    has_solver = description.coSimulation is not None and not (
+        clocks and not description.coSimulation.hasEventMode and description.modelExchange is not None)
+    interface = description.coSimulation if has_solver else description.modelExchange
+    if has_solver and not description.coSimulation.hasEventMode:
+        idle_clocks = (*(clock.own for clock in clocks), *idle_clocks)
+        clocks = ()
     if interface is None:
         raise _unusable(path, "is for scheduled execution only", "Export it for co-simulation or model exchange.")
-    exchanged = [v for v in description.modelVariables if v.causality in ("input", "output", "parameter")]
+    exchanged = [v for v in description.modelVariables
+                 if v.causality in ("input", "output", "parameter") and v.type != "Clock"]
     numbers = [v for v in exchanged if v.type in NUMBERS]
     room = FMU_VARIABLES - sum(not v.dimensions for v in numbers)
     if room < 0:
@@ -58,11 +70,10 @@ def described(path: Path) -> tuple[str, Foreign]:
     known = {kind: [entry for v in variables if v.causality == kind for entry in _variables(v, names, reader, three)]
              for kind in ("input", "output", "parameter")}
     inputs, outputs, parameters = (tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter"))
-    foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters,
-                      has_solver=description.coSimulation is not None)
+    foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters, has_solver, clocks, idle_clocks)
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
-    return _text(path, description, known, kept_names), foreign
+    return _text(description, known, kept_names, foreign), foreign
 
 
 def _unusable(path: Path, defect: str, hint: str) -> ModelError:
@@ -82,6 +93,35 @@ def _read(path: Path) -> Any:
         raise ModelError([Problem("fmu-unreadable", f"{path.name} is not an FMU that can be read", None,
                                   "Export it again; it is a ZIP file with a modelDescription.xml.",
                                   (reason,) if reason else ())]) from error
+
+
+def _clocks(path: Path, description: Any) -> tuple[tuple[ForeignClock, ...], tuple[str, ...]]:
+    """The input clocks of an FMU with a constant or fixed interval, and the names of its other input clocks. FMPy does not
+    read the intervals."""
+    names = {v.name for v in description.modelVariables if v.type == "Clock" and v.causality == "input"}
+    if not names:
+        return (), ()
+    with zipfile.ZipFile(path) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    clocks: list[ForeignClock] = []
+    idle: list[str] = []
+    for element in root.iter("Clock"):
+        values, name = element.attrib, element.attrib.get("name", "")
+        if name not in names:
+            continue
+        try:
+            resolution = float(values.get("resolution", 1))
+            interval = float(values["intervalDecimal"]) if "intervalDecimal" in values \
+                else float(values["intervalCounter"]) / resolution
+            shift = float(values.get("shiftDecimal", float(values.get("shiftCounter", 0)) / resolution))
+        except (KeyError, ValueError, ZeroDivisionError):
+            interval, shift = 0.0, 0.0
+        known = values.get("intervalVariability") in ("constant", "fixed")
+        if known and SHORTEST_INTERVAL <= interval < LARGEST and shift >= 0:
+            clocks.append(ForeignClock(name, int(values["valueReference"]), interval, shift))
+        else:
+            idle.append(name)
+    return tuple(clocks), tuple(idle)
 
 
 class _Names:
@@ -134,7 +174,8 @@ def _variables(v: Any, names: _Names, units: _Units, three: bool) -> list[tuple[
     kind = v.type if v.type != "Enumeration" else "Int64" if three else "Integer"
     indices = list(product(*(range(1, n + 1) for n in v.shape or ())))
     elements = [f"{v.name}[{','.join(map(str, index))}]" if index else v.name for index in indices]
-    return [(ForeignVariable(names(element), element, kind, int(v.valueReference), scale, offset, k, len(elements)), unit, v)
+    return [(ForeignVariable(names(element), element, kind, int(v.valueReference), scale, offset, k, len(elements),
+                             bool(getattr(v, "clocks", None))), unit, v)
             for k, element in enumerate(elements)]
 
 
@@ -150,13 +191,17 @@ def _number(v: Any, variable: ForeignVariable) -> float:
     return start * variable.scale + variable.offset
 
 
-def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]],
-          kept_names: list[str]) -> str:
+def _text(description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]], kept_names: list[str],
+          foreign: Foreign) -> str:
     """The component file; `kept_names` are the variables that keep their start values."""
+    path = foreign.path
     kept_text = f" {listing(kept_names, 6)} {'keeps its' if len(kept_names) == 1 else 'keep their'} start value" \
         f"{'' if len(kept_names) == 1 else 's'}: signals are numbers, up to {FMU_VARIABLES}." if kept_names else ""
-    integrated = "" if description.coSimulation is not None else \
+    integrated = "" if foreign.has_solver else \
         " An FMU for model exchange: it is integrated between two communications, with constant inputs."
+    ticks = [f"Its clock {clock.own} ticks every {clock.interval:g} s." for clock in foreign.clocks]
+    ticks += [f"Its clock {name} never ticks." for name in foreign.idle_clocks]
+    integrated += "".join(f" {tick}" for tick in ticks[:MOST_CLOCKS])
     tool = f", {description.generationTool}" if description.generationTool else ""
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",

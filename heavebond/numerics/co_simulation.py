@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -27,7 +27,7 @@ from heavebond.equations.flatten import Flat
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
-from heavebond.numerics.model_exchange import ModelExchange
+from heavebond.numerics.model_exchange import Clocks, EventSteps, ModelExchange
 from heavebond.numerics.start_equations import Point
 
 REALS = ("Real", "Float64", "Float32")
@@ -70,7 +70,8 @@ class _Partner:
     reached: float = np.nan  # until it is initialised
     callbacks: Any = None  # kept for as long as its program may call them
     messages: deque[str] = field(default_factory=deque)  # the last lines of its log
-    integrated: ModelExchange | None = None  # for model exchange
+    stepper: EventSteps | None = None  # for model exchange, and for co-simulation with clocks
+    clocked: dict[int, float] = field(default_factory=dict)  # outputs at the last ticks of clocks, by their numbers
     times: list[float] = field(default_factory=list)  # of the communications
     outputs: list[float] = field(default_factory=list)  # at the last of them
     inputs: Array | None = None  # from the last of them
@@ -105,8 +106,8 @@ class Partners:
                 every = ": its outputs kept their start values, because its step is not shorter than the run"
             end = f"; it ended the run at t = {part.times[-1]:.6g} s" if part.ended else ""
             end += f" ({part.messages[-1]})" if part.ended and part.messages else ""
-            use = "" if part.integrated is None else ", model exchange"
-            events = "" if part.integrated is None else f"; {count(part.integrated.events, 'event')} between them"
+            use = "" if part.foreign.has_solver else ", model exchange"
+            events = "" if part.stepper is None else f"; {count(part.stepper.events, 'event')} between them"
             sentences.append(f"{part.path} ({part.foreign.path.name}, FMI {part.version}{use}): "
                              f"{count(len(part.times), 'communication point')}{every}{events}{end}")
         return sentences
@@ -155,15 +156,16 @@ class Partners:
                     instance.enterInitializationMode(**start)
                     _set(instance, part.foreign.inputs, inputs)
                     instance.exitInitializationMode()
-                    if part.integrated is not None:
-                        part.integrated.begin(point.t)
-                        part.ended = part.integrated.ended
+                    if part.stepper is not None:
+                        part.stepper.begin(point.t)
+                        part.ended = part.stepper.ended
                 else:
                     _advance(part, point.t)
                 part.reached = point.t
                 part.times.append(point.t)
                 try:
-                    part.outputs = _get(part.instance, part.foreign.outputs)
+                    values = _get(part.instance, part.foreign.outputs)
+                    part.outputs = [part.clocked.get(k, value) for k, value in enumerate(values)]
                 except Exception:
                     if not part.ended:
                         raise
@@ -180,11 +182,11 @@ class Partners:
                 def set_inputs(part: _Partner = part, inputs: Array = inputs) -> None:
                     _set(part.instance, part.foreign.inputs, inputs)
 
-                if part.integrated is None:
+                if part.stepper is None:
                     set_inputs()
                 elif len(inputs) and (part.inputs is None or not np.array_equal(inputs, part.inputs)):
-                    part.integrated.change_inputs(set_inputs)
-                    part.ended = part.integrated.ended
+                    part.stepper.change_inputs(set_inputs)
+                    part.ended = part.stepper.ended
                 part.inputs = inputs
 
 
@@ -208,8 +210,13 @@ def _open(part: _Partner, folder: str) -> None:
         part.version, part.messages, part.reached = description.fmiVersion, deque(maxlen=LOG_LINES), np.nan
         part.times, part.outputs, part.inputs, part.ended = [], [], None, False
         part.instance = _instance(part, folder, description)
-        part.integrated = None if part.foreign.has_solver else ModelExchange(
-            part.instance, part.version, description.numberOfContinuousStates or 0, description.numberOfEventIndicators or 0)
+        clocks = Clocks(part.instance, part.foreign.clocks, partial(_read_clocked, part))
+        part.clocked, part.stepper = {}, None
+        if not part.foreign.has_solver:
+            part.stepper = ModelExchange(part.instance, clocks, part.version, description.numberOfContinuousStates or 0,
+                                         description.numberOfEventIndicators or 0)
+        elif part.foreign.clocks:
+            part.stepper = EventSteps(part.instance, clocks)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
         first_line = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
@@ -234,9 +241,19 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
         part.messages.append(message.decode(errors="replace"))
 
-    instance = (fmi3.FMU3Slave if part.foreign.has_solver else fmi3.FMU3Model)(**arguments)
+    if part.foreign.has_solver:
+        slave = fmi3.FMU3Slave(**arguments)
+        slave.instantiate(logMessage=heard3, eventModeUsed=bool(part.foreign.clocks))
+        return slave
+    instance = fmi3.FMU3Model(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
+
+
+def _read_clocked(part: _Partner) -> None:
+    """Store the outputs that an FMU computes when its clocks tick."""
+    values = _get(part.instance, part.foreign.outputs)
+    part.clocked = {k: values[k] for k, variable in enumerate(part.foreign.outputs) if variable.clocked}
 
 
 _PARTNERS: WeakValueDictionary[int, _Partner] = WeakValueDictionary()  # by their environment in callbacks
@@ -289,9 +306,9 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
 def _advance(part: _Partner, time: float) -> None:
     from fmpy.fmi1 import FMICallException
 
-    if part.integrated is not None:
-        part.integrated.advance(time)
-        part.ended = part.integrated.ended
+    if part.stepper is not None:
+        part.stepper.advance(time)
+        part.ended = part.stepper.ended
         return
     step = {"currentCommunicationPoint": part.reached, "communicationStepSize": time - part.reached}
     if not part.version.startswith("2"):

@@ -1,4 +1,4 @@
-"""Integration of an FMU for model exchange between two communication points.
+"""An FMU with events between two communication points: its integration, its event iteration and the ticks of its clocks.
 
 The FMU computes x' = f(t, x) and event indicators z(t, x) for its present inputs and discrete states. LSODA integrates x
 with error control (A. C. Hindmarsh, ODEPACK, 1983; L. Petzold, doi:10.1137/0904010). It changes between Adams methods and,
@@ -14,11 +14,13 @@ Association, Functional Mock-up Interface Specification 2.0.4, 3.2, and 3.0.1, 3
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from heavebond.language.definition import ForeignClock
 
 Array = NDArray[np.float64]
 RTOL = 1e-9  # relative, and absolute in nominal sizes of the states
@@ -34,27 +36,50 @@ class _Refused(Exception):
     """The FMU has no derivatives at a trial point of the integrator."""
 
 
-class ModelExchange:
-    """An initialised instance of an FMU for model exchange (FMI 2.0 and 3.0) with its states; RuntimeError or the exception
-    of FMPy if it fails. `states` and `indicators` are the numbers of states and event indicators in FMI 2.0."""
+class Clocks:
+    """The periodic input clocks of an instance of an FMU. `read` is called when clocks have been activated, before the FMU
+    updates its discrete states: only then are the outputs of these clocks valid."""
 
-    def __init__(self, instance: Any, version: str, states: int, indicators: int):
-        self.instance, self._three = instance, version.startswith("3")
-        self.events = 0  # number of events after the initialisation
-        self.ended = False  # the FMU requests the end of the run
-        self._n, self._stiff = (states, indicators), False
+    def __init__(self, instance: Any, clocks: Sequence[ForeignClock], read: Callable[[], None]):
+        self._instance, self._clocks, self._read = instance, clocks, read
 
     def begin(self, time: float) -> None:
-        """Enter continuous-time mode for the first time, after the initialisation."""
-        if self._three:  # the numbers may depend on parameters
-            self._n = self.instance.getNumberOfContinuousStates(), self.instance.getNumberOfEventIndicators()
-        n, m = self._n
-        self._x, self._dx = (ctypes.c_double * n)(), (ctypes.c_double * n)()
-        self._nominal, self._z = (ctypes.c_double * n)(), (ctypes.c_double * m)()
-        self._derivatives = self.instance.getContinuousStateDerivatives if self._three else self.instance.getDerivatives
-        self._update = self.instance.updateDiscreteStates if self._three else self.instance.newDiscreteStates
+        """Set the first instants of the clocks of a run."""
+        self._begin, self._ticks = time, [0] * len(self._clocks)
+
+    def _instants(self) -> list[float]:
+        return [self._begin + clock.shift + k * clock.interval for clock, k in zip(self._clocks, self._ticks, strict=True)]
+
+    @property
+    def next(self) -> float:
+        """The next instant of a clock."""
+        return min(self._instants(), default=np.inf)
+
+    def tick(self, time: float) -> None:
+        """Activate the clocks whose instant is reached, in event mode."""
+        reached = time + SAME * max(abs(time), time - self._begin)
+        due = [k for k, instant in enumerate(self._instants()) if instant <= reached]
+        if due:
+            self._instance.setClock([self._clocks[k].reference for k in due], [True] * len(due))
+            self._read()
+        for k in due:
+            self._ticks[k] += 1
+
+
+class EventSteps:
+    """An initialised instance of an FMU for co-simulation (FMI 3.0) in event mode; RuntimeError or the exception of FMPy if
+    it fails. It takes the steps between events, and its events happen at the end of a step."""
+
+    def __init__(self, instance: Any, clocks: Clocks):
+        self.instance, self.clocks = instance, clocks
+        self.events = 0  # number of events after the initialisation
+        self.ended = False  # the FMU requests the end of the run
+        self._update = instance.updateDiscreteStates
+
+    def begin(self, time: float) -> None:
+        """Leave the event mode for the first time, after the initialisation."""
         self.time, self._next = time, np.inf
-        self._state, self._scale = np.zeros(n), np.ones(n)
+        self.clocks.begin(time)
         self._update_discrete_states(first=True)
 
     def change_inputs(self, set_inputs: Callable[[], None]) -> None:
@@ -65,7 +90,7 @@ class ModelExchange:
             self._update_discrete_states()
 
     def advance(self, end: float) -> None:
-        """Integrate to a communication point; stop earlier if the FMU requests the end of the run."""
+        """Advance to a communication point; stop earlier if the FMU requests the end of the run."""
         events = 0
         while not self.ended:
             same = SAME * max(abs(end), end - self.time)
@@ -84,7 +109,8 @@ class ModelExchange:
                 return
 
     def _update_discrete_states(self, first: bool = False) -> None:
-        """Event iteration at the present instant, in event mode; then enter continuous-time mode."""
+        """Event iteration at the present instant, in event mode; then return to steps."""
+        self.clocks.tick(self.time)
         changed_states, changed_nominals = first, first
         for _ in range(MOST_UPDATES):
             again, ends, nominals, values, defined, time = self._update()
@@ -96,7 +122,42 @@ class ModelExchange:
                 break
         else:
             raise RuntimeError(f"its event iteration does not end at t = {self.time:.9g} s")
-        self._next = time if defined else np.inf
+        self._next = min(time if defined else np.inf, self.clocks.next)
+        self._leave_events(changed_states, changed_nominals)
+
+    def _leave_events(self, changed_states: bool, changed_nominals: bool) -> None:
+        """Return to steps after an event."""
+        self.instance.enterStepMode()
+
+    def _integrate(self, stop: float) -> bool:
+        """Integrate to `stop`, to the first event before it or to the end of the run; True for an event."""
+        happened, self.ended, early, reached = self.instance.doStep(self.time, stop - self.time)
+        self.time = reached if early else stop
+        return bool(happened)
+
+
+class ModelExchange(EventSteps):
+    """An initialised instance of an FMU for model exchange (FMI 2.0 and 3.0) with its states. `states` and `indicators` are
+    the numbers of states and event indicators in FMI 2.0."""
+
+    def __init__(self, instance: Any, clocks: Clocks, version: str, states: int, indicators: int):
+        self._three = version.startswith("3")
+        self.instance, self.clocks, self.events, self.ended = instance, clocks, 0, False
+        self._update = instance.updateDiscreteStates if self._three else instance.newDiscreteStates
+        self._n, self._stiff = (states, indicators), False
+
+    def begin(self, time: float) -> None:
+        """Enter continuous-time mode for the first time, after the initialisation."""
+        if self._three:  # the numbers may depend on parameters
+            self._n = self.instance.getNumberOfContinuousStates(), self.instance.getNumberOfEventIndicators()
+        n, m = self._n
+        self._x, self._dx = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+        self._nominal, self._z = (ctypes.c_double * n)(), (ctypes.c_double * m)()
+        self._derivatives = self.instance.getContinuousStateDerivatives if self._three else self.instance.getDerivatives
+        self._state, self._scale = np.zeros(n), np.ones(n)
+        super().begin(time)
+
+    def _leave_events(self, changed_states: bool, changed_nominals: bool) -> None:
         self.instance.enterContinuousTimeMode()
         n = len(self._x)
         if n and changed_states:
@@ -136,7 +197,6 @@ class ModelExchange:
         return np.array(self._z)
 
     def _integrate(self, stop: float) -> bool:
-        """Integrate to `stop`, to the first event before it or to the end of the run; True for an event."""
         longest, refused = np.inf, 0
         while True:
             try:

@@ -173,6 +173,11 @@ class Result(facade.Displayed):
         findings += [Finding("placeholder", path, path, time, 0.0, None, "",
                              f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                      for path, leaf in flat.expanded.leaves.items() if leaf.component.placeholder]
+        # clocks of FMUs
+        findings += [Finding("clock", f"{path}.{name}", path, time, 0.0, None, "",
+                             "Clocks with a constant or fixed interval tick, in co-simulation if the FMU has an event mode")
+                     for path, leaf in flat.expanded.leaves.items() if leaf.component.foreign
+                     for name in leaf.component.foreign.idle_clocks]
         if isinstance(step := self.statistics.get("step"), float):
             stable = self.statistics.get("stable_step")
             findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step,

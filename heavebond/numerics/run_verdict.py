@@ -93,6 +93,8 @@ class Finding:
             return f"{self.name} is sampled every {value} and reads {self.part}, which has other instants"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
+        if self.kind == "clock":
+            return f"the clock {self.name} of an FMU never ticks"
         if self.kind == "fixed-step":
             beyond = "" if self.limit is None else f", beyond its limit of stability at {readable(self.limit, 's')}"
             return f"{self.name} has no error control: its step is {value}{beyond}"
@@ -123,7 +125,7 @@ KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, 
          "larger": False, "growth": False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False,
          "unstable-start": False, "placeholder": False, "fixed-step": False, "joined": False, "reversed": False,
          "filled": False, "front": False, "time-formula": False, "narrow": False, "dense-events": False, "rates": False,
-         "jump": False}
+         "jump": False, "clock": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 
