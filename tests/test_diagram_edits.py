@@ -91,6 +91,11 @@ def test_a_formula_in_a_block_of_text_follows_a_new_name_and_is_replaced() -> No
 
 def test_a_value_that_cannot_be_read_is_refused_and_one_that_stands_there_is_mended() -> None:
     assert "lightyears" in _refused(CAR, "set", path="body.m", value="5 lightyears")
+    # also in a diagram with an input that has no value yet
+    for text in (CAR, CAR.replace("components:\n", "components:\n  push: {is: ForceSource}\n", 1)):
+        for value, reason in (("400 N", "kg is needed"), ("400", "has no unit"), ("-4 kg", "is not allowed")):
+            assert reason in _refused(text, "set", path="body.m", value=value)
+        assert "m: =2*wheel.m" in _edit(text, "set", path="body.m", value="=2*wheel.m")
     assert "lightyears" in _refused(CAR, "setting", key="until", value="5 lightyears")
     typed = _edit(CAR, "set", path="body.m", value="400 kg").replace("400 kg", "5 lightyears")
     assert _edit(typed, "set", path="body.m", value="400 kg") == _edit(CAR, "set", path="body.m", value="400 kg")

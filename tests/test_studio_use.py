@@ -56,6 +56,15 @@ def test_a_value_that_is_refused_stays_in_its_field_with_the_reason(tab: browser
     assert tab.complaints == []
 
 
+def test_the_problems_of_a_failed_run_go_when_the_text_is_corrected(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "failing.yaml", CAR.replace("[spring.a, damper.a, wheel.a", "[spring.a, wheel.a", 1))
+    tab.key("Enter", ctrl=True, code=13)
+    _true(tab, "!studio.runs.busy && document.querySelector('#plots').innerText.includes('damper.a')", 60)
+    tab.run("studio.editor.replace(studio.editor.text.replace('[spring.a, wheel.a', '[spring.a, damper.a, wheel.a')), 1")
+    _true(tab, "document.querySelector('#plots').innerText.startsWith('Press Run')")
+    assert tab.complaints == []
+
+
 def test_a_warning_of_a_run_stands_above_its_charts_and_pressures_are_in_bar(tab: browser.Tab, server: Server) -> None:
     (server.folder / "sucked.yaml").write_text(SUCKED, encoding="utf-8")
     tab.go("about:blank")

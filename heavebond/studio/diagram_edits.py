@@ -41,11 +41,12 @@ class Written:
 
 @dataclass(frozen=True)
 class Diagram(Written):
-    """A diagram while it is edited, with its known parts, ports and nodes."""
+    """A diagram while it is edited, with its known parts, ports and nodes, and the `problems` of its parts and values."""
 
     model: Model
     expanded: Expanded
     network: Network
+    problems: tuple[Problem, ...] = ()
 
     @property
     def used_names(self) -> set[str]:
@@ -97,12 +98,12 @@ def read_diagram(text: str, job: Job) -> Diagram:
     if is_block(source):
         block = read_block(source)
         assert isinstance(root_tree, dict)
-        return Diagram(text, root_tree, block.model, block.whole, block.network)
+        return Diagram(text, root_tree, block.model, block.whole, block.network, tuple(block.problems.found))
     model = from_source(source)
-    expanded, _ = expand_as_far(model)
+    expanded, problems = expand_as_far(model)
     network, _ = connect_as_far(expanded)
     assert isinstance(root_tree, dict)
-    return Diagram(text, root_tree, model, expanded, network)
+    return Diagram(text, root_tree, model, expanded, network, tuple(problems.found))
 
 
 # -- parts -----------------------------------------------------------------------------------------------------------------

@@ -92,8 +92,8 @@ RUNS = ("show", "initial", "setting")  # edits of diagrams that are simulated
 
 
 def edited(job: Job, action: Entry) -> Entry:
-    """The text after an action, and the new selection. UsageError with the reason if it is not possible, or if it would
-    add an unreadable value to a readable diagram."""
+    """The text after an action, and the new selection. UsageError with the reason if it is not possible, if it would add an
+    unreadable value to a readable diagram, or if the value has a wrong unit or is not allowed."""
     name = str(action["act"])
     written = read_text_only(job.text, job)
     if name in RUNS and "component" in written.root:
@@ -101,15 +101,23 @@ def edited(job: Job, action: Entry) -> Entry:
     if name not in VALUES:
         return ACTIONS[name](read_diagram(job.text, job), job, action)
     answer = VALUES[name](written, job, action)
-    if (problems := _unread(str(answer["text"]), job)) and not _unread(job.text, job):
-        raise UsageError(problems)
+    try:
+        diagram = read_diagram(str(answer["text"]), job)
+    except ModelError as error:
+        if _readable(job):
+            raise UsageError(list(error.problems)) from None
+        return answer
+    if name == "set" and str(action["value"]).strip():
+        path = str(action["path"])  # a value of another unit or out of range stays in its field as well
+        if problems := [p for p in diagram.problems if p.message.startswith((f"{path}:", f"{path} = "))]:
+            raise UsageError(problems)
     return answer
 
 
-def _unread(text: str, job: Job) -> list[Problem]:
-    """Problems that prevent a text from being read as a diagram; empty if there are none."""
+def _readable(job: Job) -> bool:
+    """True if the text can be read as a diagram."""
     try:
-        read_diagram(text, job)
-    except ModelError as error:
-        return list(error.problems)
-    return []
+        read_diagram(job.text, job)
+    except ModelError:
+        return False
+    return True

@@ -12,6 +12,7 @@ export class Runs {
   /** @type {string[]} */ plotted = [];
   /** @type {any} */ live = null;
   /** @type {any[]} */ kept = [];
+  /** @type {string|null} */ failed = null; // text of a run that failed, whose problems are shown
   /** @type {any[]} */ stored = []; // kept when the diagram was open before, not computed yet
 
   /** @param {any} studio */
@@ -29,9 +30,18 @@ export class Runs {
   clear() {
     Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false });
     this.serial = 0;
-    this.plots.empty("Press Run (Ctrl+Enter) to simulate. Then click parts and wires to find signals to plot, and move the sliders of parameters.");
+    this.invite();
     this.showRuns();
   }
+
+  /** What to do where there is no run. */
+  invite() {
+    this.failed = null;
+    this.plots.empty("Press Run (Ctrl+Enter) to simulate. Then click parts and wires to find signals to plot, and move the sliders of parameters.");
+  }
+
+  /** The text has been checked: the problems of a run of an earlier text are no longer those of the diagram. @param {string} text */
+  checked(text) { if (this.failed !== null && this.failed !== text && !this.live && !this.busy) this.invite(); }
 
   /** @param {string} path @param {string|undefined} value */
   setValue(path, value) {
@@ -158,6 +168,7 @@ export class Runs {
       if (!here()) return false;
       this.studio.say("the run failed");
       this.plots.empty(...problemList(problemsOf(error)));
+      this.failed = this.studio.editor.text;
       this.live = null;
       return false;
     } finally {
