@@ -83,6 +83,8 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     tab.wait("document.querySelector('#ladder li') !== null", 60)
     tab.wait("studio.evidence.jobs.state('diagnose').state !== 'running'", 120)
     assert _contents(folder) == before  # nothing is written unasked
+    tab.wait("document.querySelector('#evidence figure img')?.naturalWidth > 100")  # the law over its variable
+    assert "CoulombFriction between deck and load" in tab.run("document.querySelector('#evidence figcaption').textContent")
     rungs = tab.run("studio.evidence.jobs.state('diagnose').ladder")
     assert [r["name"] for r in rungs] == ["rig", "rig, parameters fitted", "+ CoulombFriction between deck and load"]
     tab.click("#add-0")

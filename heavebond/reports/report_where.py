@@ -53,8 +53,7 @@ def failing(localization: Localization, finding: AddedEffect | None) -> Html:
     # the best place, and the place of the finding if it is different
     places = list(best_of_each_group(localization))[:1]
     if finding is not None:
-        wanted = set(finding.candidate.where)
-        at_finding = next((s for s in localization.suspects if {n.name for n in s.place.nodes} == wanted), None)
+        at_finding = _of(localization, finding)
         if at_finding is not None and places and at_finding is not places[0]:
             # both places have the same effect on the records, so one chart is sufficient
             places = [at_finding] if at_finding.place.name in places[0].alike else [places[0], at_finding]
@@ -75,6 +74,24 @@ def _display_unit(unit: str, values: Array) -> tuple[str, float]:
 
 
 # -- at a place --------------------------------------------------------------------------------------------------------
+def _of(localization: Localization, finding: AddedEffect) -> PlaceEstimate | None:
+    """The estimated input at the place of a finding; None if the records do not determine it."""
+    wanted = set(finding.candidate.where)
+    return next((s for s in localization.suspects if {n.name for n in s.place.nodes} == wanted), None)
+
+
+def law_picture(localization: Localization, finding: AddedEffect) -> str:
+    """The SVG picture of the estimated input at the place of a finding over the variable that explains it best, with the law
+    of the finding; empty if the input is not determined, or the law has no port at that place."""
+    suspect = _of(localization, finding)
+    if suspect is None or suspect.curve is None:
+        return ""
+    unit, per = _display_unit(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
+    panel, drawn = _panel(suspect, suspect.curve.variable.formula, finding, f"{noun(suspect)} [{unit_label(unit)}]", per)
+    standalone = '<svg xmlns="http://www.w3.org/2000/svg" font-family="Helvetica, Arial, sans-serif" '
+    return panel.replace("<svg ", standalone, 1) if drawn else ""
+
+
 def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
     unit, per = _display_unit(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
     up = f"{noun(suspect)} [{unit_label(unit)}]"

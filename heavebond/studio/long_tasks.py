@@ -143,12 +143,30 @@ def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     alternatives = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
                      "where": list(e.candidate.where), "chi2": e["chi2_held_out"]} for step in diagnosis.steps[:1]
                     for e in entries(step) if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
+
+    def write(request: Mapping[str, Any]) -> list[Path]:
+        folder = _folder(path, options)
+        if request.get("report"):
+            return [_write_report(diagnosis, folder)]
+        return _write_added(experiment, diagnosis.added[:int(request.get("count", len(diagnosis.added)))], folder)
+
     return _result("diagnose", diagnosis_items(diagnosis), diagnosis.as_dict(), diagnosis.partial, adds=adds,
                    others=alternatives, ladder=[rung_entry(r.as_dict()) for r in diagnosis.ladder],
-                   verdict=diagnosis.verdict), {}, lambda request: [_write_report(diagnosis, _folder(path, options))] \
-        if request.get("report") else _write_added(experiment,
-                                                   diagnosis.added[:int(request.get("count", len(diagnosis.added)))],
-                                                   _folder(path, options))
+                   verdict=diagnosis.verdict, pictures=_law_pictures(diagnosis)), {}, write
+
+
+def _law_pictures(diagnosis: Diagnosis) -> list[Entry]:
+    """The pictures of the chosen laws over their variables."""
+    from heavebond.reports.report_where import law_picture
+
+    entries: list[Entry] = []
+    for finding in diagnosis.added:
+        svg = law_picture(diagnosis.localization, finding) if diagnosis.localization is not None else ""
+        title = f"{finding.candidate.component} {finding.candidate.place}"
+        words = f"{title}: what the records ask for at this place (blue while the variable rises, orange while it falls; " \
+            "dashed: a curve through it), and the fitted law (black)."
+        entries += [{"title": title, "svg": svg, "words": words}] if svg else []
+    return entries
 
 
 def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:

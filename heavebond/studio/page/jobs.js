@@ -281,7 +281,7 @@ export class Jobs {
     if (job.kind === "diagnose") place.append(el("p", { class: "choices" }, el("button", { id: "write-report", disabled: !job.can_write || this.reporting, onclick: () => this.report(job) }, this.reporting ? "Writing the report…" : "Write the report"),
       this.reported ? el("a", { id: "report", href: `reports/${encodeURIComponent(this.reported)}`, target: "_blank", rel: "noopener" }, `Open ${this.reported}`) : el("span", { class: "hint" }, "one HTML file with all pictures and tables, to print or to send")));
     extra?.(place);
-    for (const picture of result.pictures ?? []) place.append(el("figure", { class: "picture" }, el("img", { src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}`, alt: picture.title })));
+    for (const picture of result.pictures ?? []) place.append(el("figure", { class: "picture" }, el("img", { src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}`, alt: picture.title }), picture.words && el("figcaption", { class: "hint" }, picture.words)));
     place.append(...resultItems(result.items));
     if (job.kind === "command") place.append(...commandResult(result).filter((found) => found !== null));
     else if (result.files) place.append(el("p", { class: "said" }, "Written: ", el("code", {}, `${result.folder}/`), ` ${result.files.join(", ")}`));
