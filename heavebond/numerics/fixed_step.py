@@ -109,6 +109,8 @@ class FixedStep:
             else:
                 x = self._next(begin, x, z, p, pieces)["o0"].ravel()
             if not np.all(np.isfinite(x)):
+                known = [jacobian for jacobian in jacobians if np.all(np.isfinite(jacobian))]
+                self._steps, self._limit = k + 1, self._limit_of_stability(np.array(known), k + 1) if known else None
                 raise RuntimeError(f"a value became infinite or not a number at t = {end:.6g}")
             k += 1
             while j < len(stops) and stops[j] <= (k + SAME) * h:

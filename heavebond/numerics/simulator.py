@@ -783,9 +783,15 @@ class Simulator:
             again._integrate(assembly, first, None)
         except SimulationError as error:
             return error
+        hint, stable = "", self.integrator.stats().get("stable_step") if self.step and self.switching is None else None
+        if stable is not None:
+            power = 10.0 ** np.floor(np.log10(0.9 * stable))
+            hint = f"Its step of {self.step:g} s is beyond its limit of stability at {stable:.3g} s: type " \
+                f"`--step '{np.floor(0.9 * stable / power) * power:.1g} s'` or less. "
+        elif self.step:
+            hint = f"Make the step shorter than {self.step:g} s. "
         return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up where {DEFAULT} goes through", None,
-                                        (f"Make the step shorter than {self.step:g} s. " if self.step else "") +
-                                        RETYPE.format(DEFAULT) + ".")])
+                                        hint + RETYPE.format(DEFAULT) + ".")])
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
         """The trace of a run without events."""
