@@ -53,6 +53,8 @@ CASES = [
     Case("spatial_spring", "weight.z", lambda t: 1.5 - 4*G/900*(1 - np.cos(np.sqrt(900/4)*t)), SWING, 2e-5),
     Case("spatial_rope", "rope.F", paid_out, SWING, 2e-5),
     Case("spatial_strut", "pin.phi", by_cosines, LAW),
+    # (6 kg * 0.5 m + 3 kg * 1.6 m + 5 kg * 2 m) g and the moment of inertia about the ceiling
+    Case("spatial_strut_mass", "angle", lambda t: swing(t, np.pi/3, np.sqrt(17.8*G/(6*0.25 + 0.6 + 3*1.6**2 + 5*4))), SWING, 2e-5),
     Case("spatial_force", "way", lambda t: 6/3*t**2/2, RUN),
     Case("spatial_force", "turn", lambda t: 0.3/0.2*t, RUN),
     Case("spatial_position_source", "side", lambda t: 0.3*np.sin(2*t), LAW),
@@ -63,6 +65,9 @@ CASES = [
     Case("spatial_motion_sensor", "inwards", lambda t: -0.5*(3*t)**2, LAW),
     Case("spatial_motion_sensor", "forward", lambda t: 0.5*3 + 0*t, LAW),
     Case("spatial_motion_sensor", "upwards", lambda t: G + 0*t, LAW),
+    Case("spatial_relative_sensor", "forward", lambda t: 2*np.cos(0.5*t), LAW),
+    Case("spatial_relative_sensor", "side", lambda t: -np.cos(0.5*t), LAW),
+    Case("spatial_relative_sensor", "yaw", lambda t: -0.5*t, LAW),
     Case("spatial_distance_sensor", "gauge.y", lambda t: np.hypot(0.1 + 3*t, 4*t - G/2*t**2), RUN),
     Case("spatial_force_sensor", "force", lambda t: 40*G + 0*t, LAW),
     Case("spatial_force_sensor", "moment", lambda t: -40*G*1.5 + 0*t, LAW),
@@ -359,6 +364,27 @@ def test_a_strut() -> None:
     agree(found["h.f"], -PHI)
 
 
+@checks("SpatialStrutMass")
+def test_masses_on_a_line() -> None:
+    """Newton's and Euler's laws of both bodies, with the second rate of the direction by a difference of second order."""
+    accel = {"a": ACCEL, "b": ALPHA}
+    rates = {name: value for port in "ab" for name, value in members(f"der({port}", "v", accel[port]).items()}
+    found = part("SpatialStrutMass", m_a="6 kg", m_b="3 kg", l_a="0.5 m", l_b="0.4 m", J_a="0.4 kg*m**2", J_b="0.2 kg*m**2")(
+        {**POINTS, **{f"{name})": value for name, value in rates.items()}})
+    h = 1e-4
+    early, late = (line/np.linalg.norm(line, axis=1)[:, None] for line in (
+        r_B - r_A + t*(v_B - v_A) + t**2/2*(ALPHA - ACCEL) for t in (-h, h)))
+    turns = (early - 2*LINE + late)/h**2
+    barrel, rod = 6*(ACCEL + 0.5*turns + UP), 3*(ALPHA - 0.4*turns + UP)
+    F_a, F_b = (vector(found, port, "F") for port in "ab")
+    agree(F_a + F_b, barrel + rod, 1e-6, 100)
+    agree(np.sum(F_a*LINE, axis=1), np.sum(barrel*LINE, axis=1), 1e-6, 100)
+    about_a = np.cross(0.5*LINE, barrel) + np.cross(r_B - r_A - 0.4*LINE, rod) + np.cross(LINE, 0.6*turns)
+    agree(np.cross(r_B - r_A, F_b), about_a, 1e-6, 100)
+    for port in "ab":
+        agree(vector(found, port, "M"), 0*LINE)
+
+
 @pytest.mark.parametrize("body", [0, 1])
 def test_a_force(body: int) -> None:
     _force(body)
@@ -398,6 +424,25 @@ def test_an_inertial_measurement_unit() -> None:
     found = part("SpatialMotionSensor")({**seen_a(), **rates})
     for name, expected in {"v": v_A, "w": w_A, "b": ACCEL + UP}.items():
         agree(np.stack([found[f"{name}[{k}]"] for k in (1, 2, 3)], -1), TURN.inv().apply(expected))
+
+
+@checks("SpatialRelativeSensor")
+def test_a_frame_seen_from_another() -> None:
+    other = Rotation.random(N, random_state=4)
+    x, y, z, w = other.as_quat().T
+    w_B = ALPHA
+    found = part("SpatialRelativeSensor")({**seen_a(), "b.q_0": w, "b.q_1": x, "b.q_2": y, "b.q_3": z, **members("b", "w", w_B),
+                                           **members("b", "", r_B), **members("b", "v", v_B)})
+    yaw, pitch, roll = (TURN.inv()*other).as_euler("ZYX").T
+    agree(np.stack([found["roll"], found["pitch"], found["yaw"]], -1), np.stack([roll, pitch, yaw], -1))
+    h = 1e-6  # the rates by central differences, which are exact to 1e-9
+    later, before = ((Rotation.from_rotvec(t*w_A)*TURN).inv().apply(r_B + t*v_B - r_A - t*v_A) for t in (h, -h))
+    for name, expected, small in (("r", TURN.inv().apply(r_B - r_A), 1e-9), ("v", (later - before)/(2*h), 1e-7),
+                                  ("w", TURN.inv().apply(w_B - w_A), 1e-9)):
+        agree(np.stack([found[f"{name}[{k}]"] for k in (1, 2, 3)], -1), expected, small, 1)
+    for port in "ab":
+        agree(vector(found, port, "F"), 0*r_A)
+        agree(vector(found, port, "M"), 0*r_A)
 
 
 @checks("SpatialDistanceSensor")
