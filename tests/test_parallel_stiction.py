@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import permutations
+from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
@@ -188,3 +188,64 @@ simulate: {until: 2 s, every: 10 ms}
     assert np.abs(found["m.x"][held]).max() < 1e-9
     assert (found["left.N"] + found["right.N"])[held] == pytest.approx(20 * (1 - found.time[held]), abs=SMALL)
     assert found["m.x"][-1] == pytest.approx(20 / 6 / 2, rel=SMALL)
+
+
+PILE = """
+model: pile
+components:
+  w: {{is: Fixed}}
+{parts}
+nodes:
+  w: [w.a, f0.a]
+{nodes}
+initial: {{{initial}}}
+simulate: {{until: {until}, every: 5 ms}}
+"""
+
+
+def pile(forces: np.ndarray, limits: np.ndarray, masses: np.ndarray, until: str = "10 ms") -> hb.Model:
+    """Bodies on each other, the first on the ground, each with a force and with friction against the body below."""
+    n = len(forces)
+    parts = [f"  m{k}: {{is: Mass, m: {masses[k]} kg}}\n  p{k}: {{is: ForceSource, u: {forces[k]} N}}\n"
+             f"  f{k}: {{is: DryFriction, F_c: {limits[k]} N, F_s: {limits[k]} N}}" for k in range(n)]
+    nodes = [f"  m{k}: [m{k}.a, p{k}.a, f{k}.b{f', f{k + 1}.a' if k + 1 < n else ''}]" for k in range(n)]
+    initial = [f"m{k}.x: 0 m, m{k}.v: 0 m/s" for k in range(n)]
+    return hb.loads(PILE.format(parts="\n".join(parts), nodes="\n".join(nodes), initial=", ".join(initial), until=until))
+
+
+def accelerations(forces: np.ndarray, limits: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """Of the bodies at rest: the only combination of contacts that stick, slide forwards and slide backwards whose forces and
+    accelerations agree with it."""
+    n, ways = len(forces), np.eye(len(forces)) - np.eye(len(forces), k=-1)  # relative accelerations = ways @ accelerations
+    for modes in product((-1, 0, 1), repeat=n):
+        slides = np.array(modes, bool)
+        # unknowns: n accelerations, n friction forces
+        rows = np.block([[np.diag(masses), ways.T], [np.where(slides[:, None], 0, ways), np.diag(slides.astype(float))]])
+        solved = np.linalg.solve(rows, np.concatenate([forces, np.array(modes) * limits]))
+        moves, friction = ways @ solved[:n], solved[n:]
+        if np.all(np.where(slides, np.array(modes) * moves >= 0, np.abs(friction) <= limits)):
+            return solved[:n]
+    raise AssertionError("no combination")
+
+
+def test_bodies_at_rest_break_away_in_the_only_consistent_directions(tmp_path: Path) -> None:
+    """Forces far above the limits: a contact that its load would move forwards is dragged backwards by the body below."""
+    case = np.array([100.0, 3.0]), np.array([5.0, 2.0]), np.array([1.0, 1.0])
+    assert accelerations(*case) == pytest.approx([93, 5])  # 100 - 5 - 2 and 3 + 2
+    cases, random = [case], np.random.default_rng(3)
+    for _ in range(8):
+        cases.append((random.normal(0, 30, 4).round(2), random.uniform(1, 20, 4).round(2), random.uniform(0.2, 5, 4).round(2)))
+    for forces, limits, masses in cases:
+        result = hb.simulate(pile(forces, limits, masses))
+        reached = np.array([result[f"m{k}.v"][-1] for k in range(len(forces))])
+        assert reached == pytest.approx(0.01 * accelerations(forces, limits, masses), abs=SMALL)
+
+
+@pytest.mark.long
+@compiled
+def test_an_fmu_lets_bodies_break_away_as_a_run_does(tmp_path: Path) -> None:
+    forces, limits, masses = np.array([100.0, 3.0]), np.array([5.0, 2.0]), np.array([1.0, 1.0])
+    export_fmu(pile(forces, limits, masses), tmp_path / "m.fmu", version=3)
+    found = fmpy.simulate_fmu(str(tmp_path / "m.fmu"), fmi_type="CoSimulation", stop_time=0.01, output_interval=0.005,
+                              output=["m0.v", "m1.v"])
+    assert (found["m0.v"][-1], found["m1.v"][-1]) == pytest.approx(0.01 * accelerations(forces, limits, masses), abs=SMALL)

@@ -100,23 +100,59 @@ static const char *give_way(const Values *now, const bool tried[], bool loose, d
   return NULL;
 }
 
+/* Reduce the tried contacts, which exceed their limits, to those that break away: each of them then moves with its force, and no
+   other exceeds its limit; accelerations below HELD of those in `loose` are zero. Least-index pivoting of a linear complementarity
+   problem: K. G. Murty, Opsearch 11 (1974) 123-130. */
+static const char *breaking_away(const Values *now, bool tried[], const double loose[]) {
+  bool broken[model_n_b + 1] = {false};
+  int round, k, c;
+  for (round = 0; round < CASCADES; ++round) {
+    Values trial = *now;
+    bool marked[model_n_e + 1] = {false}, sets;
+    double rates[model_n_b + 1], excess[model_n_c + 1];
+    const double *arg[] = {&trial.t, trial.x, trial.z, trial.p, trial.u};
+    double *res[] = {0, 0, rates};
+    const char *wrong;
+    for (k = 0; k < model_n_b; ++k) marked[model_break_event[k]] = broken[k];
+    if ((wrong = fire(&trial, marked, &sets)) != NULL || (wrong = indicate(&trial, excess)) != NULL) return wrong;
+    if (model_happenings(arg, res, 0, 0, 0)) return NO_SOLUTION;
+    for (k = 0; k < model_n_b; ++k) {
+      if (!tried[k]) continue;
+      for (c = 0; model_condition[c] != model_break_event[k];) ++c;
+      if (broken[k] ? model_break_direction[k] * rates[k] < -HELD * fabs(loose[k]) : excess[c] > 0) break;
+    }
+    if (k == model_n_b) break;
+    broken[k] = !broken[k];
+  }
+  memcpy(tried, broken, sizeof broken);
+  return NULL;
+}
+
 /* Keep the marked breakaways after which the bodies move, and add the breakaways of contacts that were at their limits. The
-   other contacts stay at their limits, or all stick again if a contact would move against its force. */
+   other contacts stay at their limits. If a contact would move against its force, all stick again if one of them was at its limit
+   before, else only some break away. */
 static const char *breaking(Values *now, bool marked[], bool *changed) {
   double held[model_n_b + 1], loose[model_n_b + 1];
-  bool tried[model_n_b + 1], any = false, several = false, against = false;
+  bool tried[model_n_b + 1], any = false, several = false, against = false, limited = false;
   const char *wrong;
   int k;
   *changed = false;
   for (k = 0; k < model_n_b; ++k) {
-    tried[k] = marked[model_break_event[k]] || now->p[model_break_limit[k]] == model_break_direction[k];
+    bool at_limit = now->p[model_break_limit[k]] == model_break_direction[k];
+    tried[k] = marked[model_break_event[k]] || at_limit;
     any = any || tried[k];
+    limited = limited || at_limit;
     several = several || model_break_limit[k] != model_break_limit[0];
   }
   if (!any || !several) return NULL;
   if ((wrong = give_way(now, tried, false, held)) != NULL || (wrong = give_way(now, tried, true, loose)) != NULL) return wrong;
   for (k = 0; k < model_n_b; ++k)
     against = against || (tried[k] && fabs(held[k]) >= HELD * fabs(loose[k]) && model_break_direction[k] * held[k] < 0);
+  if (against && !limited) {
+    for (k = 0; k < model_n_b; ++k) marked[model_break_event[k]] = false;
+    if ((wrong = breaking_away(now, tried, loose)) != NULL || (wrong = give_way(now, tried, false, held)) != NULL) return wrong;
+    against = false;
+  }
   for (k = 0; k < model_n_b; ++k) {
     double *limit = &now->p[model_break_limit[k]], next = against ? 0 : model_break_direction[k];
     if (!tried[k]) continue;

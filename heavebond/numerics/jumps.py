@@ -24,6 +24,7 @@ import numpy as np
 from heavebond.core.errors import Problem, SimulationError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.buffered import Buffered
+from heavebond.equations.events import Breakaway
 from heavebond.equations.flatten import EquationRole
 from heavebond.equations.lost_rank import losses
 from heavebond.equations.structural_messages import undecided
@@ -285,8 +286,9 @@ class EventEquations:
         A contact breaks away only if the bodies then move. With all contacts at their limits reduced to `EVENTS.reduced` of
         their forces, a contact moves if its speed changes by more than `EVENTS.held` of its change in the case that no other
         contact sticks. A contact that does not move remains at its limit, and the others carry the rest of the load. If
-        one moves against its force, the load has turned since that reached its limit: all of them stick again and share the
-        load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly Plastic Solids, 1951.
+        one moves against its force, and one of them was at its limit before, the load has turned since: all of them stick
+        again and share the load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly
+        Plastic Solids, 1951. If all of them have just reached their limits, only some of them break away (see `_loose`).
         Of several transitions of a state, the first in its list remains.
         """
         names = {self.events[i].name for i in fired}
@@ -315,12 +317,39 @@ class EventEquations:
         held, free = change(False), change(True)
         moving = {limit: abs(held[k]) >= EVENTS.held * abs(free[k]) for limit, (k, _, _) in tried.items()}
         if any(moving[limit] and b.direction * held[k] < 0 for limit, (k, _, b) in tried.items()):
-            p[list(tried)] = 0.0
-            return self.settled(replace(point, p=p), fired), ordinary
+            if p[list(tried)].any():
+                p[list(tried)] = 0.0
+                return self.settled(replace(point, p=p), fired), ordinary
+            tried = self._loose(point, tried, EVENTS.held * np.abs(free))
+            held = change(False)
+            moving = {limit: abs(held[k]) >= EVENTS.held * abs(free[k]) for limit, (k, _, _) in tried.items()}
         for limit, (_, _, b) in tried.items():
             p[limit] = b.direction
         return (self.settled(replace(point, p=p), fired),
                 [*ordinary, *(i for limit, (_, i, _) in tried.items() if moving[limit])])
+
+    def _loose(self, point: Point, tried: dict[int, tuple[int, int, Breakaway]], small: Array
+               ) -> dict[int, tuple[int, int, Breakaway]]:
+        """The contacts among those that exceed their limits that break away: each of them then moves with its force, and
+        no other exceeds its limit. Accelerations (n_b,) below `small` are zero.
+
+        The accelerations are linear in the forces, with a positive definite matrix. This is therefore a linear
+        complementarity problem with one solution, if stiction and friction are equal. It is solved by least-index pivoting:
+        K. G. Murty, Note on a Bard-type scheme for solving the complementarity problem, Opsearch 11 (1974) 123-130.
+        """
+        loose: list[int] = []
+        exceeds = {condition: c for c, condition in enumerate(self.conditions)}
+        for _ in range(EVENTS.max_cascades):
+            broken = [tried[limit][1] for limit in tried if limit in loose]
+            at = self.settled(self._set(point, self._new_values(point, broken), *broken), broken)
+            accelerations = np.array(self._accelerations(*at.values())).ravel()
+            excess = np.array(self._indicators(*at.values())).ravel()
+            wrong = [limit for limit, (k, i, b) in tried.items() if (
+                b.direction * accelerations[k] < -small[k] if limit in loose else excess[exceeds[i]] > 0)]
+            if not wrong:
+                break
+            loose = [limit for limit in tried if (limit in loose) != (limit == wrong[0])]
+        return {limit: tried[limit] for limit in tried if limit in loose}
 
     def fire(self, point: Point, sensitivity: PointSensitivity, fired: Sequence[int], delays: Sequence[Array],
              factors: Array,
