@@ -1,14 +1,17 @@
-"""Trees of bodies in space: how assembly and the right-hand side grow with the number of bodies, and the robot arm beside
-Pinocchio. `python -m benchmarks.spatial` prints the figures; times are processor times of one run of this program.
+"""Machines in space beside Pinocchio and MuJoCo, their energy, and the growth of their cost. `python -m benchmarks.spatial`
+prints all tables, `python -m benchmarks.spatial closed drift` those that are named; times are processor times of one run.
 
-The exponent between two numbers of bodies is log(time ratio)/log(number ratio). The right-hand side of the arm is compiled
-by the C compiler with -O2 and called 2000 times in a loop in C; Pinocchio is called from Python, and an empty call is
-subtracted.
+trees: accelerations of twenty random trees. closed: accelerations of six mechanisms with closed loops. drift: energy of a
+double pendulum in space over 1000 s. growth: assembly and right-hand side of trees of N bodies; the exponent between two
+numbers of bodies is log(time ratio)/log(number ratio). arm: the right-hand side of six hinges, compiled by the C compiler
+with -O2 and called 2000 times in a loop in C; Pinocchio is called from Python, and an empty call is subtracted. machines:
+assembly of the crane, and a run of the platform.
 """
 
 from __future__ import annotations
 
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,12 +21,41 @@ import casadi as ca
 import numpy as np
 
 import heavebond as hb
-from benchmarks.random_trees import Pinocchio, aligned_tree, diagram, random_tree
+from benchmarks.random_trees import (
+    Pinocchio,
+    aligned_tree,
+    closed_diagram,
+    closed_mechanism,
+    diagram,
+    mujoco_accelerations,
+    random_tree,
+)
 from heavebond.numerics.dae import Assembly
 from heavebond.numerics.initialise import start
 
 NUMBERS = (12, 25, 50, 100, 200)
 CALLS = 2000
+PENDULUM = """model: double
+components:
+  ground: {is: SpatialFixed}
+  upper:  {is: SpatialRevoluteJoint, n: [0, -1, 0]}
+  one:    {is: SpatialBody, m: 2 kg, J_x: 0.1 kg*m**2, J_y: 0.2 kg*m**2, J_z: 0.2 kg*m**2, l_x: 0.5 m}
+  rod:    {is: SpatialLink, l_x: 1 m}
+  lower:  {is: SpatialRevoluteJoint, n: [1, 0, 1]}
+  two:    {is: SpatialBody, m: 1 kg, J_x: 0.05 kg*m**2, J_y: 0.1 kg*m**2, J_z: 0.1 kg*m**2, l_x: 0.4 m}
+nodes:
+  ground: [ground.a, upper.a]
+  one:    [upper.b, one.a, rod.a]
+  elbow:  [rod.b, lower.a]
+  two:    [lower.b, two.a]
+  d_1:    [upper.d]
+  d_2:    [lower.d]
+initial: {upper.phi: 0.3 rad, lower.phi: 1 rad, upper.w: 0 rad/s, lower.w: 0 rad/s}
+show:
+  kinetic: {is: "two.m*dot(two.u, two.u)/2 + one.m*dot(one.u, one.u)/2 + dot(one.w, one.L)/2 + dot(two.w, two.L)/2", unit: J}
+  energy:  {is: "kinetic + one.m*one.g*(one.z + one.r[3]) + two.m*two.g*(two.z + two.r[3])", unit: J}
+simulate: {until: 1000 s, every: 0.1 s}
+"""
 
 
 def assembled(n: int) -> tuple[float, Assembly]:
@@ -53,6 +85,53 @@ def seconds(function: ca.Function, x: np.ndarray, calls: int) -> float:
         many(points)
         times.append((time.process_time() - begin)/calls)
     return min(times)
+
+
+def trees() -> None:
+    """Largest differences of the accelerations at the start, relative to the largest acceleration."""
+    print(f"{'tree':>10} {'bodies':>7} {'Pinocchio':>10} {'MuJoCo':>10}")
+    for seed in range(20):
+        bodies = random_tree(2 + seed % 7, seed)
+        run = hb.simulate(hb.loads(diagram(bodies)), "1 us", every="1 us")
+        q, v, a = (np.array(values) for values in (
+            [b.q for b in bodies], [b.v for b in bodies], [run[f"a_{k}"][0] for k in range(len(bodies))]))
+        others = Pinocchio(bodies).accelerations(q, v), mujoco_accelerations(bodies)
+        print(f"{seed:>10} {len(bodies):>7} " + " ".join(f"{np.abs(a - o).max()/np.abs(o).max():>10.1e}" for o in others))
+
+
+def closed() -> None:
+    """As `trees`; the closures of MuJoCo are stiff."""
+    print(f"{'mechanism':>10} {'bodies':>7} {'loops':>6} {'Pinocchio':>10} {'MuJoCo':>10}")
+    for number in range(6):
+        bodies, closures, independent = closed_mechanism(number)
+        run = hb.simulate(hb.loads(closed_diagram(bodies, closures, independent)), "1 us", every="1 us")
+        q, v, a = (np.array([run[f"{word}_{k}"][0] for k in range(len(bodies))]) for word in "qva")
+        others = Pinocchio(bodies).closed_accelerations(closures, q, v), mujoco_accelerations(bodies, closures, q, v)
+        print(f"{number:>10} {len(bodies):>7} {len(closures):>6} " + " ".join(
+            f"{np.abs(a - o).max()/np.abs(o).max():>10.1e}" for o in others), flush=True)
+
+
+def drift() -> None:
+    """The drift of the energy, relative to the range of the kinetic energy."""
+    model = hb.loads(PENDULUM)
+    for rtol in (1e-10, 1e-12):
+        begin = time.process_time()
+        run = hb.simulate(model, rtol=rtol, atol=rtol)
+        took, kinetic = time.process_time() - begin, np.ptp(run["kinetic"])
+        print(f"double pendulum in space, 1000 s, rtol {rtol:g}: drift {np.ptp(run['energy'])/kinetic:.1e} in {took:.0f} s")
+
+
+def machines() -> None:
+    """Assembly of the crane, and the platform over 60 s."""
+    assembled(4)
+    model = hb.load("spatial/vessel_crane")
+    begin = time.process_time()
+    hb.assemble(model)
+    print(f"vessel_crane: assembly {time.process_time() - begin:.2f} s")
+    model = hb.load("spatial/platform")
+    begin = time.process_time()
+    hb.simulate(model, "60 s")
+    print(f"platform: 60 s in {time.process_time() - begin:.1f} s, with its assembly")
 
 
 def growth() -> None:
@@ -102,6 +181,6 @@ def compiled(function: ca.Function, folder: Path) -> ca.Function:
 
 
 if __name__ == "__main__":
-    growth()
-    arm()
-    arm()
+    tables = {table.__name__: table for table in (trees, closed, drift, growth, arm, machines)}
+    for name in sys.argv[1:] or tables:
+        tables[name]()

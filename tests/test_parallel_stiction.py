@@ -214,8 +214,8 @@ def pile(forces: np.ndarray, limits: np.ndarray, masses: np.ndarray, until: str 
 
 
 def accelerations(forces: np.ndarray, limits: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """Of the bodies at rest: the only combination of contacts that stick, slide forwards and slide backwards whose forces and
-    accelerations agree with it."""
+    """Of the bodies at rest: by the only combination of contacts that stick, slide forwards and slide backwards whose forces
+    and accelerations agree with it."""
     n, ways = len(forces), np.eye(len(forces)) - np.eye(len(forces), k=-1)  # relative accelerations = ways @ accelerations
     for modes in product((-1, 0, 1), repeat=n):
         slides = np.array(modes, bool)
@@ -234,7 +234,8 @@ def test_bodies_at_rest_break_away_in_the_only_consistent_directions(tmp_path: P
     assert accelerations(*case) == pytest.approx([93, 5])  # 100 - 5 - 2 and 3 + 2
     cases, random = [case], np.random.default_rng(3)
     for _ in range(8):
-        cases.append((random.normal(0, 30, 4).round(2), random.uniform(1, 20, 4).round(2), random.uniform(0.2, 5, 4).round(2)))
+        values = random.normal(0, 30, 4), random.uniform(1, 20, 4), random.uniform(0.2, 5, 4)
+        cases.append((values[0].round(2), values[1].round(2), values[2].round(2)))
     for forces, limits, masses in cases:
         result = hb.simulate(pile(forces, limits, masses))
         reached = np.array([result[f"m{k}.v"][-1] for k in range(len(forces))])

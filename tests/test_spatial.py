@@ -13,7 +13,16 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import heavebond as hb
-from benchmarks.random_trees import Pinocchio, TreeBody, aligned_tree, diagram, mujoco_accelerations, random_tree
+from benchmarks.random_trees import (
+    Pinocchio,
+    TreeBody,
+    aligned_tree,
+    closed_diagram,
+    closed_mechanism,
+    diagram,
+    mujoco_accelerations,
+    random_tree,
+)
 from heavebond.core.errors import HeavebondError, ModelError
 from heavebond.language.library import library
 from heavebond.language.power_law import wrong_rates
@@ -289,6 +298,22 @@ def test_a_bennett_linkage() -> None:
     assert run["driven"] == pytest.approx(2*np.arctan(K/np.tan(theta/2)), abs=1e-8)
     assert run["third"] == pytest.approx(-theta, abs=1e-8)
     assert run["slide"] == pytest.approx(0, abs=1e-8)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", range(6))
+def test_accelerations_of_a_closed_mechanism_by_pinocchio(number: int) -> None:
+    """At the start, where the dependent joints follow from the independent ones; rounding of some thousand operations. The
+    closures of MuJoCo are stiff: it agrees to 2e-3 of the largest acceleration."""
+    pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    bodies, closures, independent = closed_mechanism(number)
+    run = hb.simulate(hb.loads(closed_diagram(bodies, closures, independent)), "1 us", every="1 us")
+    q, v, a = (np.array([run[f"{word}_{k}"][0] for k in range(len(bodies))]) for word in "qva")
+    assert q == pytest.approx(np.array([b.q for b in bodies]), abs=1e-9)
+    expected = Pinocchio(bodies).closed_accelerations(closures, q, v)
+    assert a == pytest.approx(expected, abs=1e-8*np.abs(expected).max())
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    assert mujoco_accelerations(bodies, closures, q, v) == pytest.approx(expected, abs=2e-3*np.abs(expected).max())
 
 
 FOUR_BAR = """model: four_bar
