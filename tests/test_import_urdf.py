@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import heavebond as hb
 from heavebond.cli import main
+from heavebond.core.errors import UsageError
 from heavebond.imports.urdf import DRIVEN, import_urdf, read_urdf
 
 BENCH_ARM = Path(__file__).parent.parent / "models" / "spatial" / "bench_arm.urdf"
@@ -183,7 +184,8 @@ def test_other_files_are_refused_with_the_remedy(name: str, remedy: str) -> None
 
 def test_the_command(tmp_path: Path) -> None:
     run = CliRunner().invoke(main, ["import", str(BENCH_ARM), "-o", str(tmp_path)])
-    assert run.exit_code == 0 and "1 mesh" in run.output and "next: heavebond check" in run.output
+    assert run.exit_code == 0 and "next: heavebond check" in run.output
+    assert "cannot find the mesh 'package://bench_arm/hand.stl'" in run.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench_arm.yaml"]
     text = (tmp_path / "bench_arm.yaml").read_text(encoding="utf-8")
     for shape in ("column_2: {is: disc, at: [column, 0.03 m, 0.03 m, 0.2 m], diameter: 0.12 m, width: 0.1 m, "
@@ -193,3 +195,47 @@ def test_the_command(tmp_path: Path) -> None:
     assert hb.load(tmp_path / "bench_arm.yaml").name == "bench_arm"
     run = CliRunner().invoke(main, ["import", str(BENCH_ARM), "--globals", "x.emx"])
     assert run.exit_code == 2 and "import-option" in run.output
+
+
+def _box(path: Path, edges: tuple[float, float, float], corner: tuple[float, float, float], faces: int = 12) -> None:
+    """A mesh (OBJ) of the first triangles of a box."""
+    corners = [[c + e*bit for c, e, bit in zip(corner, edges, bits, strict=True)]
+               for bits in ((i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1))]
+    sides = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]  # seen from outside
+    triangles = [f"f {a} {b} {c}" for p, q, r, s in sides for a, b, c in ((p, q, r), (p, r, s))]
+    path.write_text("\n".join([*(f"v {x} {y} {z}" for x, y, z in corners), *triangles[:faces]]) + "\n")
+
+
+def test_a_mesh_becomes_a_body(tmp_path: Path) -> None:
+    """A box of 200, 300 and 600 mm, whose nearest corner is at 100, -50 and 0 mm."""
+    pytest.importorskip("trimesh", reason="trimesh is not installed")
+    _box(tmp_path / "block.obj", (200, 300, 600), (100, -50, 0))
+    imported = hb.import_model(tmp_path / "block.obj", tmp_path / "out")
+    model = hb.load(imported.path)
+    run = hb.simulate(model, "0.1 s")
+    p = {name: float(run[name][0]) for name in ["block.m", *(f"block.{word}_{x}" for word in "lJ" for x in "xyz")]}
+    a, b, c, m = 0.2, 0.3, 0.6, 7850*0.036
+    assert p["block.m"] == pytest.approx(m) and [p[f"block.l_{x}"] for x in "xyz"] == pytest.approx([0.2, 0.1, 0.3])
+    assert [p[f"block.J_{x}"] for x in "xyz"] == pytest.approx([m/12*(b*b + c*c), m/12*(a*a + c*c), m/12*(a*a + b*b)])
+    solid = hb.animate(model, "0.1 s").solids[0]
+    assert solid.kind == "mesh" and solid.courses["size"][0, 0] == 1e-3
+    _box(tmp_path / "open.obj", (1, 1, 1), (0, 0, 0), 10)
+    with pytest.raises(UsageError, match="not closed"):
+        hb.import_model(tmp_path / "open.obj", tmp_path / "out")
+
+
+def test_meshes_of_a_robot_are_shown(tmp_path: Path) -> None:
+    """The folder of the package is above the folder of the robot."""
+    pytest.importorskip("trimesh", reason="trimesh is not installed")
+    (tmp_path / "bench_arm/urdf").mkdir(parents=True)
+    _box(tmp_path / "bench_arm/hand.obj", (50, 100, 100), (0, 0, 0))
+    text = BENCH_ARM.read_text(encoding="utf-8")
+    for line in ('<mesh filename="package://bench_arm/hand.obj" scale="0.001 0.001 0.001"/>',
+                 '<mesh filename="../hand.obj"/>', '<mesh filename="package://bench_arm/hand.obj" scale="1 1 2"/>'):
+        urdf = tmp_path / "bench_arm/urdf/arm.urdf"
+        urdf.write_text(text.replace('<mesh filename="package://bench_arm/hand.stl"/>', line))
+        imported = hb.import_model(urdf, tmp_path / "out")
+        shown = "unit: 0.001 m" in imported.path.read_text(encoding="utf-8")
+        assert shown == ("0.001" in line) != any("mesh" in item.reason for item in imported.untranslated)
+        if shown:
+            assert any(solid.kind == "mesh" for solid in hb.animate(imported.path, "0.05 s").solids)

@@ -213,7 +213,8 @@ def crane(folder: Path) -> Path:
 def in_space(folder: Path) -> list[Path]:
     """The robot arm in motion, and the platform on its cylinders."""
     return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
-            save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s")]
+            save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s"),
+            save_animation(animate(hb.load("spatial/landing_crane")), folder / "landing_crane.png", at="66 s")]
 
 
 def swept(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""`heavebond import`: a 20-sim model or a robot as a diagram with its components."""
+"""`heavebond import`: a 20-sim model, a robot or a mesh as a diagram with its components."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option, settings_of
 
 
-@click.command("import", short_help="Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram.")
+@click.command("import", short_help="Translate a 20-sim model (.emx), a robot (.urdf) or a mesh into a diagram.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path),
               help="Output folder; by default named after the model.")
@@ -23,7 +23,8 @@ from heavebond.commands.arguments import json_option, settings_of
 @json_option
 def import_model(file: Path, output: Path | None, functions: tuple[str, ...], global_files: tuple[Path, ...],
                  libraries: tuple[Path, ...], strict: bool) -> dict[str, object]:
-    """Translate the 20-sim model (.emx) or the robot (.urdf) FILE into a folder with a diagram and component files.
+    """Translate the 20-sim model (.emx) or the robot (.urdf) FILE into a folder with a diagram and component files. A mesh
+    (.stl, .obj, .glb, .gltf) becomes a body with the mass and the inertia of its closed surface.
 
     Elements that cannot be translated are listed with submodel and line; a submodel with such elements becomes a placeholder
     without a law, and the exit code is 3. Nothing in the file is executed.

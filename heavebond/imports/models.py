@@ -10,9 +10,11 @@ from pathlib import Path
 from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.import_20sim.importer import Untranslated, import_20sim
+from heavebond.imports.mesh import import_mesh
 from heavebond.imports.urdf import import_urdf
+from heavebond.language.view import MESHES
 
-WANTED = "Name a 20-sim model (.emx) or the description of a robot (.urdf)."
+WANTED = "Name a 20-sim model (.emx), the description of a robot (.urdf) or a mesh (.stl, .obj, .glb, .gltf)."
 CONVERT = {".xacro": "Expand the template first: xacro {0} -o {1}.urdf", ".sdf": "Export the robot as URDF first.",
            ".mjcf": "Export the robot as URDF first.", ".xml": "If its root element is <robot>, rename it to {1}.urdf.",
            ".slx": "Simulink models cannot be imported. An FMU exported by Simulink can be a part of a diagram.",
@@ -40,9 +42,10 @@ class ImportedModel:
 def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
                  global_files: Iterable[str | Path] = (), libraries: Iterable[str | Path] = (), strict: bool = False
                  ) -> ImportedModel:
-    """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files.
+    """Translate a 20-sim model (.emx), a robot (.urdf) or a mesh (.stl, .obj, .glb, .gltf) into a diagram.
 
-    The files are written into a `folder`, by default one that is named after the model. `file` is the path of the model;
+    A mesh becomes a body with the mass and the inertia of its closed surface. A 20-sim model has component files, too. The
+    files are written into a `folder`, by default one that is named after the model. `file` is the path of the model;
     nothing in it is executed. Three arguments are for 20-sim models: `functions` are C sources that replace functions of
     compiled libraries, by the name of the function; `global_files` are other .emx files with global parameters of the
     model; `libraries` are .emx files, or folders of them, with implementations that the model does not contain. With
@@ -51,22 +54,26 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
     """
     file, global_files, libraries = Path(file), list(global_files), list(libraries)
     suffix = file.suffix.lower()
-    if suffix not in (".emx", ".urdf"):
+    if suffix not in (".emx", ".urdf", *MESHES):
         raise UsageError([Problem("import-suffix", f"'{file}' is not a model that can be imported", None,
                                   CONVERT.get(suffix, WANTED).format(file.name, file.name.partition(".")[0]))])
     if not file.is_file():
         near = sorted(p.name for p in file.parent.glob(f"*{file.suffix}")) if file.parent.is_dir() else []
         raise UsageError([Problem("file", f"cannot find the file '{file}'", None, suggest(file.name, near) or
                                   f"Files of this kind there: {listing(near)}." if near else "Check the path.")])
-    if suffix == ".urdf" and (functions or global_files or libraries):
+    if suffix != ".emx" and (functions or global_files or libraries):
         raise UsageError([Problem("import-option", "C sources, global parameters and libraries are for 20-sim models only",
-                                  None, "Leave out --function, --globals and --library for a .urdf file.")])
-    imported = import_urdf(file) if suffix == ".urdf" else import_20sim(file, functions or {}, global_files, libraries)
+                                  None, f"Leave out --function, --globals and --library for a {suffix} file.")])
+    target = Path(folder) if str(folder) else None
+    if suffix == ".emx":
+        imported = import_20sim(file, functions or {}, global_files, libraries)
+    else:
+        imported = import_urdf(file, target) if suffix == ".urdf" else import_mesh(file, target)
     placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))
     if strict and placeholders:
         raise ModelError([Problem("import-incomplete", f"{u.submodel}: {u.reason}", Place(file.name, u.line),
                                   "Without --strict the rest of the model is translated.")
                           for u in imported.untranslated if u.lawless])
-    target = Path(folder) if str(folder) else Path(imported.name)
+    target = target or Path(imported.name)
     left_over, written = imported.left_over(target), imported.write(target)
     return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over), placeholders)

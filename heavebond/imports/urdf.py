@@ -12,10 +12,11 @@ Source: the URDF XML specification of ROS (wiki.ros.org/urdf/XML).
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 import numpy as np
@@ -29,6 +30,7 @@ from heavebond.import_20sim.emx_file import UTF_16
 from heavebond.import_20sim.importer import Imported, Untranslated
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.write import mapping, quantity, remark, scalar
+from heavebond.language.view import MESHES
 
 Array = NDArray[np.float64]
 
@@ -65,12 +67,14 @@ class Element:
 
 @dataclass(frozen=True)
 class Shape:
-    """A box (three edges), cylinder (radius, length) or sphere (radius) of a link, its middle and the angles of its axes."""
+    """A box (three edges), cylinder (radius, length), sphere (radius) or mesh (scale, `file`) of a link, its middle or its
+    origin, and the angles of its axes."""
 
     kind: str
     size: tuple[float, ...]
     shift: Array
     angles: Array
+    file: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -248,7 +252,7 @@ class _Reader:
         return Link(name, element.line, max(m, 0.0), centre, J, tuple(self.shapes(element)))
 
     def shapes(self, link: Element) -> Iterator[Shape]:
-        """The visible boxes, cylinders and spheres of a link; meshes are omitted."""
+        """The visible boxes, cylinders, spheres and meshes of a link."""
         for visual in link.all("visual"):
             geometry, origin = visual.first("geometry"), visual.first("origin")
             shift, angles = self.values(origin, "xyz", (0.0, 0.0, 0.0)), self.values(origin, "rpy", (0.0, 0.0, 0.0))
@@ -260,6 +264,27 @@ class _Reader:
                     yield Shape("cylinder", size, shift, angles)
                 elif solid.tag == "sphere":
                     yield Shape("sphere", (self.value(solid, "radius", 0.1),), shift, angles)
+                elif solid.tag == "mesh":
+                    scale = self.values(solid, "scale", (1.0, 1.0, 1.0))
+                    name = solid.attributes.get("filename", "")
+                    file = self.mesh(name)
+                    if file is None or np.ptp(scale):
+                        reason = f"cannot find the mesh '{name}' near {self.path.name}" if file is None else \
+                            f"the mesh '{name}' has different scales along its axes"
+                        self.notes.append(Untranslated(link.attributes.get("name", ""), solid.line, f"{reason}; it is for "
+                                                       "pictures only, see the shape `mesh` of `view:`"))
+                    else:
+                        yield Shape("mesh", (float(scale[0]),), shift, angles, file)
+
+    def mesh(self, name: str) -> Path | None:
+        """The file of a mesh, or None if there is none that a picture can show. A file of a ROS package,
+        `package://arm/meshes/a.stl`, is searched for in the folders above the file of the robot."""
+        path = PurePosixPath(name.partition("://")[2] or name)
+        if path.suffix.lower() not in MESHES or ".." in path.parts:
+            return None
+        inside = path.relative_to(path.parts[0]) if "://" in name and len(path.parts) > 1 else path  # without the package
+        folders = self.path.absolute().parents[:4]
+        return next((folder / part for folder in folders for part in (inside, path) if (folder / part).is_file()), None)
 
     def joint(self, element: Element, name: str) -> Joint | None:
         kind = element.attributes.get("type", "")
@@ -338,10 +363,6 @@ def read_urdf(path: Path) -> Robot:
     robot = Robot(top.attributes.get("name", "") or path.stem, links, joints, root, ())
     _check_inertia(reader, robot)
     reader.problems.raise_as()
-    meshes = [element for element in _inside(top) if element.tag == "mesh"]
-    if meshes:
-        sentence = f"{count(len(meshes), 'mesh', 'meshes')}, for pictures only; see the shape `mesh` of `view:`"
-        reader.notes.append(Untranslated("robot", meshes[0].line, sentence))
     further_tags = Counter(child.tag for child in top.children if child.tag not in ("link", "joint", "material"))
     for tag, n in further_tags.items():
         line = next(child.line for child in top.children if child.tag == tag)
@@ -476,8 +497,8 @@ def start_poses(robot: Robot) -> dict[str, tuple[Array, Array]]:
 class _Writer:
     """Parts, nodes, initial conditions and outputs of the diagram of a robot."""
 
-    def __init__(self, robot: Robot, path: Path):
-        self.robot, self.path = robot, path
+    def __init__(self, robot: Robot, path: Path, folder: Path):
+        self.robot, self.path, self.folder = robot, path, folder
         self.parts: list[tuple[str, str, str]] = []  # name, mapping, comment
         self.nodes: dict[str, list[str]] = {}
         self.initial: list[str] = []
@@ -543,7 +564,10 @@ class _Writer:
                 sizes = [quantity(size, "m") for size in shape.size]
                 entries = [("is", {"cylinder": "disc"}.get(shape.kind, shape.kind)),
                            ("at", f"[{place}]" if shape.shift.any() else node)]
-                if shape.kind == "box":
+                if shape.file is not None:
+                    entries += [("file", scalar(os.path.relpath(shape.file, self.folder).replace(os.sep, "/"))),
+                                ("unit", sizes[0]), *([("turned", turned)] if shape.angles.any() else [])]
+                elif shape.kind == "box":
                     entries += [("size", f"[{', '.join(sizes)}]"), *([("turned", turned)] if shape.angles.any() else [])]
                 else:
                     entries.append(("diameter", quantity(2*shape.size[0], "m")))
@@ -726,10 +750,11 @@ class _Writer:
                 self.nodes[self.name(f"{part}_end")] = [f"{part}.a", *ends]
 
 
-def import_urdf(path: Path) -> Imported:
-    """Translate a file into one diagram of library components. Raises ModelError."""
+def import_urdf(path: Path, folder: Path | None = None) -> Imported:
+    """Translate a file into one diagram of library components, to be written into a folder, by default one that is named
+    after the robot. Raises ModelError."""
     robot = read_urdf(path)
     imported = Imported(identifier(file_stem(path.stem)), path.stem)
-    imported.files[f"{imported.name}.yaml"] = _Writer(robot, path).diagram(imported.name)
+    imported.files[f"{imported.name}.yaml"] = _Writer(robot, path, folder or Path(imported.name)).diagram(imported.name)
     imported.untranslated += robot.untranslated
     return imported

@@ -44,6 +44,7 @@ EXAMPLES = {"size": "[0.2 m, 0.2 m, 0.6 m]", "turned": "[0, 90 deg, 0]", "axis":
             "scale": "10 kN/m", "unit": "1 mm"}
 WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
+MESHES = (".stl", ".obj", ".glb", ".gltf")
 UNIT = re.compile(r"[a-z]+")  # unit of a mesh, without a number
 FRAME = re.compile(r"[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*")
 

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.errors import ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.imports.mesh import read_mesh
 from heavebond.language.definition import Formula, Point, ViewShape, renamed
 from heavebond.language.view import EXAMPLES, INSTEAD, POINTS, TRIPLES, article
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.text.expression import ExpressionProblem, names, parse_formula
 
-MESHES, MOST_TRIANGLES = (".stl", ".obj"), 50_000
+MOST_TRIANGLES = 50_000  # of a mesh
 SOLIDS, AREAS = ("box", "sphere", "disc", "mesh"), ("ground", "level")
 BARS = ("beam", "line", "spring", "damper", "cylinder", "arrow")
 THICK = 0.022  # default width of a bar relative to the extent of the machine
@@ -193,7 +194,7 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
     for name, shape in view.items():
         if shape.kind != "camera":
             course = _completed(shape.kind, placed[name], extent, n)
-            faces = None if shape.file is None else _mesh(shape.file, shape)
+            faces = None if shape.file is None else _mesh(shape.file, shape.place)
             solids.append(Solid(name, shape.kind, shape.colour, shape.label, course, faces))
     low, high = _bounds(solids)
     middle, reach = (low + high) / 2, float(np.max((high - low)[:2], initial=0.5 * float(np.max(high - low))))
@@ -252,30 +253,14 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
     return {"at": course["at"], "turn": turn, "size": np.maximum(size, 1e-6 * extent)}
 
 
-def _mesh(file: Path, shape: ViewShape) -> tuple[Array, Array]:
-    """The corners and the triangles of a file; UsageError if it cannot be read."""
-    if file.suffix.lower() not in MESHES:
-        raise UsageError([Problem("file-suffix", f"'{file.name}' is not a mesh", shape.place,
-                                  f"Give a file that ends in {' or '.join(MESHES)}.")])
-    if not file.is_file():
-        raise UsageError([Problem("file-missing", f"cannot find the file '{file}'", shape.place,
-                                  "The path is relative to the folder of the diagram.")])
-    try:
-        import trimesh
-    except ImportError:
-        raise UsageError([Problem("trimesh-missing", "reading a mesh needs trimesh, which is not installed", shape.place,
-                                  "pip install 'heavebond[mesh]', or draw a box.")]) from None
-    try:
-        mesh = trimesh.load_mesh(file, process=False, skip_materials=True)
-        corners, triangles = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-    except Exception as error:  # a loader raises whatever it meets in a damaged file
-        raise UsageError([Problem("mesh-unreadable", f"'{file.name}' cannot be read: {error}", shape.place)]) from None
-    if not len(triangles) or not np.isfinite(corners).all():
-        raise UsageError([Problem("mesh-unreadable", f"'{file.name}' contains no triangles", shape.place)])
+def _mesh(file: Path, place: Place) -> tuple[Array, Array]:
+    """The corners and the triangles of a file."""
+    mesh = read_mesh(file, place)
+    triangles = np.asarray(mesh.faces, int)
     if len(triangles) > MOST_TRIANGLES:
         raise UsageError([Problem("mesh-large", f"'{file.name}' has {len(triangles)} triangles; the most is "
-                                  f"{MOST_TRIANGLES}", shape.place, "Simplify the mesh in the program that wrote it.")])
-    return corners, triangles
+                                  f"{MOST_TRIANGLES}", place, "Simplify the mesh in the program that wrote it.")])
+    return np.asarray(mesh.vertices, float), triangles
 
 
 def _bounds(solids: list[Solid]) -> tuple[Array, Array]:
