@@ -284,13 +284,14 @@ def test_the_page_holds_what_it_needs(motion: Motion) -> None:
     assert isinstance(solids, list) and json.dumps(solids)
 
 
-def test_the_view_of_the_crane_names_what_it_has() -> None:
+@pytest.mark.parametrize("name", ["vessel_crane", pytest.param("landing_crane", marks=pytest.mark.long)])
+def test_the_view_of_the_crane_names_what_it_has(name: str) -> None:
     """Its run takes several seconds."""
-    assembly = hb.assemble(hb.load("spatial/vessel_crane"))
+    assembly = hb.assemble(hb.load(f"spatial/{name}"))
     check_view(assembly, resolved(assembly.model.view, assembly), {})
 
 
-@pytest.mark.parametrize("name", ["gyroscope", "robot_arm", "platform"])
+@pytest.mark.parametrize("name", ["gyroscope", "robot_arm", "platform", "pan_tilt"])
 def test_every_bundled_view_in_space_moves(name: str) -> None:
     found = animate(hb.load(f"spatial/{name}"), "1 s", every="20 ms")
     low, high = np.array(found.edges[:3]), np.array(found.edges[3:])

@@ -408,6 +408,18 @@ def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
     assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)
 
 
+@pytest.mark.long
+def test_a_crane_compensates_heave_and_lands_its_load() -> None:
+    run = hb.simulate(hb.load("spatial/landing_crane"))
+    calm, landed = (run.time > 15) & (run.time < 35), run.time > 65
+    load, head = (np.std(np.asarray(run[name])[calm]) for name in ("load.z", "tip.z"))
+    assert load < 0.1*head  # a feed-forward with the mean of the gains of the valve in both directions
+    contact = run.si["contact"]
+    # the load accelerates with the deck by some 2 % of g; the indentation of the pads is some 20 mm
+    assert contact[landed] == pytest.approx(25e3*G, rel=0.03) and contact.max() < 1.1*25e3*G
+    assert not run.si["tension"][landed].any() and np.abs(run.si["gap"][landed]).max() < 0.03
+
+
 def test_a_hinge_with_dry_friction_swings_and_sticks() -> None:
     """The first turning point: m g l (cos(theta_1) - cos(theta_0)) = M (theta_0 + theta_1) from hanging. The divisors of the
     elimination differ from zero while the hinge sticks and while it slips."""
