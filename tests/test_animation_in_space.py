@@ -149,7 +149,7 @@ simulate: {{until: 0.1 s, every: 10 ms}}
     ("{is: level, at: -1.4 m}", "{is: mark, at: -1.4 m}", "view-mixed", "`level`"),
     ("diameter: 0.3 m, ", "radius: 0.3 m, ", "key-unknown", ""),
     ("{is: sphere, at: load, ", "{is: mesh, at: load, file: a.txt, unit: 1 mm, ", "key-unknown", ""),
-    ("{is: sphere, at: load, diameter: 0.3 m, ", "{is: mesh, at: load, file: a.txt, ", "file-suffix", ".stl, .obj, .glb or .gltf"),
+    ("{is: sphere, at: load, diameter: 0.3 m, ", "{is: mesh, at: load, file: a.txt, ", "file-suffix", ".glb or .gltf"),
     ("{is: sphere, at: load, diameter: 0.3 m, ", "{is: mesh, at: load, file: nothing.stl, ", "file-missing", "relative"),
 ])
 def test_what_is_wrong_is_said_with_its_place(old: str, new: str, code: str, hint: str) -> None:
