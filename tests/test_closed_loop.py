@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_info
 import heavebond as hb
 from heavebond.estimation import comparison
 from heavebond.estimation.faulty_columns import prescribing_inputs
+from heavebond.estimation.feedback import feedback
 from heavebond.reports.result_tables import noticed
 
 PLANT = """
@@ -133,3 +134,22 @@ def test_feedback_is_told_once_for_all_records_and_of_a_driven_motion_as_a_react
             "nodes: {a: [p.a, s.a], b: [s.b, m.a, f.a]}\n")
     (tmp_path / "r.csv").write_text("t,x\n0,0\n1,1\n2,0\n")
     assert prescribing_inputs(hb.assemble(hb.loads(text, tmp_path))) == {"p.u"}
+
+
+def test_readings_that_answer_to_the_input_of_their_row_are_not_feedback() -> None:
+    """A first-order lag with a random input: the logger writes the input that was held before the row, and the model holds
+    it after the row. With a gain 10 % off there is a residual besides."""
+    random = np.random.default_rng(3)
+    u, y = random.standard_normal(2000).cumsum() / 10, np.zeros(2001)
+    for k in range(2000):
+        y[k + 1] = 0.9 * y[k] + 0.1 * u[k]
+    noise = 0.002 * random.standard_normal(2000)
+    model = 0.9 * y
+    assert feedback(u, y[1:] + noise - model[:-1], model[:-1]) is None
+    # a controller without delay is reported all the same: it adds the noise of the reading to its input
+    controlled, held = np.zeros(2000), np.zeros(2001)
+    for k in range(2000):
+        controlled[k] = u[k] - 3 * (held[k] + 10 * noise[k])
+        held[k + 1] = 0.9 * held[k] + 0.1 * controlled[k]
+    found = feedback(controlled, held[:-1] + 10 * noise - 0.9 * held[:-1], 0.9 * held[:-1])
+    assert found is not None and found.lag == 0

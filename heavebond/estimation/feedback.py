@@ -20,6 +20,10 @@ Noise n of a measured input that does not act on the machine causes such a corre
 responds to it, e = -H n, and the past of e then contains more information on the true input than the past of the noisy
 one. So the correlation is computed again for noise of the size that the input has, with the response H of the model (its
 cross-spectrum with the input): if this noise alone explains half of the correlation or more, feedback is not reported.
+
+A correlation at k = 0 also arises if the readings of a row answer to the input of the same row, and the model applies this
+input afterwards (`interpolation: hold`). If the model one sample earlier has a smaller residual, and the innovations of this
+residual have no correlation at k = 0, feedback is not reported.
 """
 
 from __future__ import annotations
@@ -82,7 +86,7 @@ def closed_loops(experiment: Experiment, record: Record, channels: Mapping[str, 
 
 def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     """The feedback from a residual e (n,) of a channel to an input u (n,) at the same times; None if it is not
-    significant, or if noise of the input alone explains it. `model` (n,) is the simulated channel."""
+    significant, or if noise of the input alone or a shift by a sample explains it. `model` (n,) is the simulated channel."""
     from scipy.special import erfcinv
 
     u, e, model = u[:SAMPLES], e[:SAMPLES], model[:SAMPLES]
@@ -95,7 +99,14 @@ def feedback(u: Array, e: Array, model: Array) -> Feedback | None:
     if strongest is None:
         return None
     alone, _ = _correlations(*_with_input_noise(u, e, model)).get(strongest.lag, (0.0, 0.0))
-    return None if alone / strongest.correlation >= ALONE else strongest
+    if alone / strongest.correlation >= ALONE:
+        return None
+    if strongest.lag == 0:
+        earlier = e[:-1] + model[:-1] - model[1:]
+        r, z = _correlations(u[:-1], earlier, model[1:]).get(0, (0.0, 0.0))
+        if np.var(_without(earlier, model[1:])) < np.var(_without(e, model)) and not (abs(z) > least and abs(r) > LEAST):
+            return None
+    return strongest
 
 
 def _correlations(u: Array, e: Array, model: Array) -> dict[int, tuple[float, float]]:
