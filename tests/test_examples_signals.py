@@ -289,6 +289,9 @@ CASES = [
     Case("trapezoidal_motion", "part.w", lambda t: np.clip(np.minimum(t - 0.2, 2.7 - t), 0, 0.5), "trapezium"),
     *(Case("motion_sequence", f"part.{name}", lambda t, row=row: jerks(t)[row], "the jerk of each motion, integrated thrice",
            1e-12) for row, name in enumerate("bwy")),
+    *(Case("polynomial_sequence", f"part.{name}", lambda t, order=order: sum(
+        way*np.polyval(np.polyder([6, -15, 10, 0, 0, 0], order), np.clip((t - begin)/T, 0, 1))/T**order
+        for way, begin, T in ((0.4, 0.1, 1.0), (-0.25, 1.3, 0.5))), LAW) for order, name in enumerate("ywb")),
     Case("s_curve_motion", "part.y", lambda t: share(t) - np.sin(2*PI*share(t))/(2*PI), LAW),
     Case("s_curve_motion", "part.w", lambda t: (1 - np.cos(2*PI*share(t)))/2, "its derivative"),
     Case("polynomial_motion", "part.y", lambda t: np.polyval([6, -15, 10, 0, 0, 0], share(t)), LAW),

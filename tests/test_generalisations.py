@@ -221,7 +221,8 @@ NOT_A_GENERALISATION = {
         "SidedGain < SensorGain; BypassValve < FlowControlValve; FlowControlValve < BypassValve; * < ShaftCompliance; "
         "* < SeriesCompliance; PowerControlledPump < HydraulicPump",
     "other physics: no values of its parameters give the simpler law":
-        "Diode < *; AnnularGap < *; Bend < *; CheckValve < *; DynamicLineSegment < *; LineSegment < *; Filter < *; "
+        "MotionSequence < PolynomialSequence; Diode < *; AnnularGap < *; Bend < *; CheckValve < *; DynamicLineSegment < *; "
+        "LineSegment < *; Filter < *; "
         "RatedReliefValve < *; ReliefValve < *; PowerLawOrifice < ReliefValve; DirectionalValve22 < *; "
         "ProportionalReliefValve < *; TabulatedValve < *; CavitatingVolume < *; GasAccumulator < *; "
         "SpringAccumulator < *; GasAccumulatorWithHeat < CavitatingVolume; GasAccumulatorWithHeat < SpringAccumulator; "

@@ -585,6 +585,27 @@ def test_a_sequence_of_motions_keeps_its_limits_and_takes_the_shortest_time() ->
     agree(law({"time": begin[1] - 0.5})["y"], 3.0)
 
 
+@checks("PolynomialSequence")
+def test_a_sequence_of_polynomials_is_a_row_of_single_motions() -> None:
+    """Also the highest speed 15/8 D/T and acceleration 10/sqrt(3) D/T**2 of VDI 2143."""
+    law = part("PolynomialSequence", n=3, p="[1, 4, 2]", T="[2 s, 0.5 s]", T_d="[0.5 s, 1 s]")
+    single = part("PolynomialMotion", start="0", end="1", T="1 s")
+    for begin, T, start, way in ((0.5, 2.0, 1.0, 3.0), (3.5, 0.5, 4.0, -2.0)):
+        for share in (0.0, 0.2, 0.5, 0.9, 1.0):
+            motion, expected = law({"time": begin + share*T}), single({"time": share})
+            agree([motion["y"], motion["w"]], [start + way*expected["y"], way/T*expected["w"]], size=1)
+        agree(law({"time": begin + T/2})["w"], 15/8*way/T)
+        agree(law({"time": begin + T*(0.5 - np.sqrt(3)/6)})["b"], 10/np.sqrt(3)*way/T**2)
+
+
+def test_a_sequence_of_motions_with_a_large_jerk_is_trapezoidal() -> None:
+    """v/a + a/j of each motion is then v/a."""
+    law, single = part("MotionSequence", n=2, p="[0, 3]", v="1 1/s", a="2 1/s**2", j="1e9 1/s**3"), part(
+        "TrapezoidalMotion", start="0", end="3", v="1 1/s", a="2 1/s**2")
+    for time in (0.1, 0.4, 1.7, 3.2, 3.49):
+        agree([law({"time": time})[name] for name in "yw"], [single({"time": time})[name] for name in "yw"], rtol=1e-6)
+
+
 @checks("PredictiveController")
 def test_the_command_of_a_predictive_controller_is_the_nearest_one_within_its_limits() -> None:
     """With a horizon of one command: that of the regulator -2 x, of the estimate x from the sample before, within both
