@@ -274,6 +274,19 @@ def test_lists_of_numbers_keep_equal_ones(tmp_path: Path, monkeypatch: pytest.Mo
     assert "design-block" in run.output and "DiscreteStateSpace: observer." in run.output
 
 
+def test_an_output_in_no_loop_has_no_margins() -> None:
+    """The second output of the block acts on nothing; the first one is designed as without it."""
+    text = CART.replace("BLOCK", "LinearSystem").replace("PER", " 1/s").replace("SAMPLE", "")
+    task = {"cart.x": "10 mm"}, {"cart.f": "1 N"}, [1e-3]
+    wider = hb.loads(text.replace("r: 1, A", "r: 2, A").replace("C: [[0]]", "C: [[0], [0]]"))
+    two = hb.design_lqg(wider, "observer", task[0], [1, 1], *task[1:])
+    one = hb.design_lqg(hb.loads(text), "observer", task[0], [1], *task[1:])
+    assert list(two.points) == ["design, observer.y[1]"] and two.gain[0] == pytest.approx(one.gain[0])
+    assert two.gain[1] == pytest.approx(0, abs=1e-9)
+    margins = [next(iter(found.points.values())).least_phase for found in (one, two)]
+    assert margins[0] is not None and margins[1] is not None and margins[0].value == pytest.approx(margins[1].value)
+
+
 def test_a_state_that_the_weights_do_not_contain_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a weight of the speed only, the regulator brakes the cart and leaves its position where it is: a pole at 0."""
     monkeypatch.chdir(tmp_path)

@@ -184,10 +184,10 @@ def _points(overs: Sequence[str]) -> dict[str, dict[str, str | float]]:
 
 def _margins(points: Mapping[str, Crossings]) -> dict[str, object]:
     """The verdicts and margins at operating points, for JSON."""
-    return {name: {"verdict": found.verdict, **{
+    return {name: {"verdict": loop.verdict, **{
         kind: None if margin is None else [margin.value, margin.frequency] for kind, margin in (
-            ("gain_up", found.gain_up), ("gain_down", found.gain_down), ("phase", found.least_phase),
-            ("delay", found.least_delay))}} for name, found in points.items()}
+            ("gain_up", loop.gain_up), ("gain_down", loop.gain_down), ("phase", loop.least_phase),
+            ("delay", loop.least_delay))}} for name, loop in points.items()}
 
 
 def _loop(diagram: Model, loop: str, free: Sequence[str], lead: str | None, notch: str | None, crossover: str | None,
@@ -311,9 +311,9 @@ def _observer(diagram: Model, lqr: str | None, lqg: str | None, mpc: str | None,
         per = f" {units[f'{block}.K[1][1]'].text if lqr is not None else unit}".removesuffix(" ").removesuffix(" 1")
         rows: list[Tree] = [[f"{value!r}{per}" for value in row] for row in matrix.reshape(-1, matrix.shape[-1]).tolist()]
         texts[f"{block}.{name}"] = rows if matrix.ndim == 2 else rows[0]
-    at_design = {found.verdict for name, found in result.points.items() if name.partition(",")[0] == "design"}
+    at_design = {loop.verdict for name, loop in result.points.items() if name.partition(",")[0] == "design"}
     return observer_items(f"{block}: {title}", result), texts, {
-        "verdict": UNSTABLE if UNSTABLE in at_design else next(iter(at_design)), "margins": _margins(result.points),
+        "verdict": UNSTABLE if UNSTABLE in at_design else next(iter(at_design), None), "margins": _margins(result.points),
         **{name.lower(): matrix.tolist() for name, matrix in matrices.items()}, "states": list(result.states)}
 
 

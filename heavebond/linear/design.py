@@ -792,9 +792,17 @@ def _block_values(diagram: Model, block: str, counts: Mapping[str, int], matrice
 def _loops_of_outputs(diagram: Model, values: Mapping[str, float | str], outputs: Sequence[str], at: Time | None,
                       points: Mapping[str, Mapping[str, float | str]] | None) -> dict[str, Crossings]:
     """The crossings of the loop through each output of a block with designed `values`, at the operating point of the design
-    and at further points."""
-    return {point if len(outputs) == 1 else f"{point}, {output}": loop_at(diagram, output, {**values, **settings}, at)
-            for point, settings in {"design": {}, **(points or {})}.items() for output in outputs}
+    and at further points; outputs in no loop are left out."""
+    by_name: dict[str, Crossings] = {}
+    for point, settings in {"design": {}, **(points or {})}.items():
+        for output in outputs:
+            try:
+                by_name[point if len(outputs) == 1 else f"{point}, {output}"] = loop_at(
+                    diagram, output, {**values, **settings}, at)
+            except UsageError as error:
+                if error.problems[0].code != "loop-none":
+                    raise
+    return by_name
 
 
 def _feedthrough(diagram: Model, block: str, commands: int, measured: int, at: Time | None) -> tuple[Array, Array]:

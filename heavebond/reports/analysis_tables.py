@@ -205,7 +205,7 @@ def observer_items(title: str, result: ObserverController | StateFeedback) -> li
     return [ResultTable(f"{title}, {count(len(result.states), 'state')}",
                         ("poles of the regulator", "poles of the observer")[:len(poles)], rows),
             Line("in z, sampled every " + f"{period:g} s" if period is not None else "in 1/s"),
-            *_margin_items(result.points)]
+            *(_margin_items(result.points) if result.points else [Line("no output of the block is in a loop")])]
 
 
 def _margin_items(points: Mapping[str, Crossings]) -> list[Item]:
