@@ -424,3 +424,28 @@ def test_dry_friction_holds_and_slides_for_bodies_of_any_mass(mass: float) -> No
     phase, begin = np.maximum(w * t, np.pi / 6), np.pi / 6
     speed = (2 * (np.cos(begin) - np.cos(phase)) - (phase - begin)) / w
     assert np.abs(run["b.v"] - speed).max() < 1e-7  # 1e-8 a step, in some hundred steps
+
+
+SAMPLED = """
+model: sampled
+components:
+  g: {is: Fixed}
+  a: {is: DryFriction, F_c: 1e-9 N, F_s: 2e-9 N}
+  c: {is: DryFriction, F_c: 1e-9 N, F_s: 1.5e-9 N}
+  m: {is: Mass, m: 1e-9 kg}
+  h: {is: SampleHold, T_s: 20 ms, u: "=8e-9 N*sin(5*time/(1 s))"}
+  d: {is: Delay, T: 33 ms, u: =h.y}
+  p: {is: ForceSource, u: =d.y}
+nodes: {g: [g.a, a.a, c.a], b: [a.b, c.b, m.a, p.a]}
+initial: {b.x: 0 m, b.v: 0 m/s}
+simulate: {until: 1.5 s, every: 10 ms}
+"""
+
+
+@pytest.mark.filterwarnings("ignore::heavebond.RunWarning")
+def test_a_tiny_body_behind_events_and_a_delay_is_accurate_or_reported() -> None:
+    """The same machine with a billion times the mass and the forces moves alike; else the verdict names the forces."""
+    small = hb.simulate(hb.loads(SAMPLED))
+    large = hb.simulate(hb.loads(SAMPLED.replace("e-9", "")))
+    error = np.abs(np.asarray(small["b.x"]) - np.asarray(large["b.x"])).max() / np.ptp(large["b.x"])
+    assert error < 1e-5 or any(finding.kind == "scale" for finding in small.verdict.findings)

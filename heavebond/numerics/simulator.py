@@ -399,7 +399,7 @@ class Simulator:
             hidden = fitting.hidden
             if not fitting.sizes:
                 break
-            before = self.assembly.sizes
+            before, switching = self.assembly.sizes, self.switching
             self._take_sizes({**before, **fitting.sizes})
             try:
                 restarted = again()
@@ -407,6 +407,7 @@ class Simulator:
             except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
                 check()
                 self._take_sizes(before)
+                self.switching = switching  # with the history of its delays
                 if unfit := {name: size.value for name, size in fitting.sizes.items() if not size.origin}:
                     remarks["unfit"] = unfit
                 hidden = {**hidden, **{name: (size.value, self.tolerances.rtol * abs(size.origin))
@@ -562,10 +563,7 @@ class Simulator:
             dense_sizes = dense.run().assembly.sizes
             return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
         chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
-        times, n = stops[chosen], len(chosen)
-        columns = (times[None, :], trace.x[:len(first.x), chosen], trace.z[:len(first.z), chosen],
-                   np.tile(first.p[:, None], (1, n)),
-                   self.pieces.at(times) if trace.driven is None else trace.driven.u[:, chosen], np.ones((1, n)))
+        columns = tuple(of[:, chosen] for of in self._columns(assembly, first, stops, trace.x, trace.z, trace))
         steps = trace.statistics.get("nsteps", len(stops))
         assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
