@@ -150,6 +150,20 @@ def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:
     assert found[1.0] == pytest.approx([0.0, 0.7, 0.2, 0.1, 0.0])
 
 
+def test_a_law_with_an_unsupported_amplitude_counts_with_the_law_without_it() -> None:
+    """Play whose gap is closed is a compliance, although the compliance has a number more (its damping time)."""
+    experiment: Any = SimpleNamespace(model=SimpleNamespace(library=library()))
+
+    def law(kind: str, component: str, unknowns: int, unshown: tuple[str, ...] = ()) -> Refit:
+        candidate: Any = SimpleNamespace(kind=kind, where=("shaft", "arm"), label=component, component=component)
+        return replace(REFIT, candidate=candidate, unknowns=unknowns, unshown=unshown, experiment=experiment)
+
+    families = [[law("backlash", "GearBacklash", 3, ("gap",))], [law("series compliance", "ShaftCompliance", 4)]]
+    made: Any = SimpleNamespace(scores=[], twins={}, places=SimpleNamespace(place=lambda candidate: candidate.where))
+    found = probability._to_simpler(families, [family[0] for family in families], {1.0: np.array([0.9, 0.1])}, made)
+    assert found[1.0] == pytest.approx([0.0, 1.0])
+
+
 def test_a_law_that_generalises_a_simpler_one_counts_with_it() -> None:
     """Bouc-Wen hysteresis contains dry friction with presliding (`replaces: DahlFriction`): with more numbers and no smaller
     residual it is that friction. The drag of another class is not."""

@@ -309,9 +309,11 @@ def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weig
                 stage: Stage) -> dict[float, Array]:
     """Move the weights of laws that only refine a simpler law at the same place to the simpler law.
 
-    A refinement without a significant gain is the same law, because its additional amplitude is not significant.
+    A refinement without a significant gain is the same law, because its additional amplitude is not significant. A law with
+    an amplitude that the records do not support is not simpler than one without, whatever its number of unknowns: play whose
+    gap is closed is a compliance.
     """
-    least = [min(t.unknowns for t in family) for family in families]
+    least = [(bool(b.unshown), min(t.unknowns for t in family)) for b, family in zip(best, families, strict=True)]
     laws = [(*family, *twins_of(family, stage)) for family in families]  # with the equivalent candidates at other places
     to = np.arange(len(best))
     for k in sorted(range(len(best)), key=lambda k: least[k]):

@@ -617,7 +617,8 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     A law refines another one if it has more numbers, and if both are of one class or it generalises the other. It also
     refines the other one if one of its amplitudes is not supported by the records. For example, play whose gap is closed in
     the fit is the compliance that acts together with it, even with more shape parameters. A law of another class with
-    supported amplitudes is a different explanation, even with more numbers. The threshold is not raised for inexact laws,
+    supported amplitudes is a different explanation, even with more numbers, and a law with supported amplitudes refines none
+    with an unsupported one. The threshold is not raised for inexact laws,
     because a more flexible law always fits an inexact law better.
     """
     more = trial.unknowns > simpler.unknowns
@@ -627,7 +628,8 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
         # friction with presliding)
         effects = trial.experiment.model.library.component(trial.candidate.component).effects
         related = any(simpler.candidate.component in effect.replaces for effect in effects)
-    refines = (more and related) or (bool(trial.unshown) and (more or not simpler.unshown))
+    refines = (more and related and (bool(trial.unshown) or not simpler.unshown)) or \
+        (bool(trial.unshown) and (more or not simpler.unshown))
     return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
 
 
