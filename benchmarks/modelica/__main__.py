@@ -6,7 +6,7 @@ RESULTS is a checkout of https://github.com/modelica/MAP-LIB_ReferenceResults, L
 https://github.com/modelica/ModelicaStandardLibrary, both at version 4.0.0. A diagram beside this file names its example
 under `source:` and has the parameters of the example; its outputs have the names of the columns. The positions of bodies
 with a length are those of their centres: the lengths are in the free lengths of the springs. `notes:` states what the
-diagram does not express as the example does. The table shows for each example the lines of YAML and of Modelica (of the
+diagram does not express as the example does. The tables show for each example the lines of YAML and of Modelica (of the
 class itself, without annotations and blank lines), and the largest difference of an output from the reference, relative to
 the range of the reference. The references have a tolerance of their own, mostly 1e-6.
 """
@@ -39,10 +39,10 @@ def examples() -> dict[str, tuple[str, str]]:
 
 
 def row(name: str, modelica: int, difference: float) -> str:
-    """The row of an example in the table."""
+    """The row of an example in the table of its package."""
     (first, *others), notes = examples()[name][0].split(" and "), examples()[name][1]
     lines = len((HERE / f"{name}.yaml").read_text(encoding="utf-8").splitlines())
-    return (f"| {', '.join([first.removeprefix('Modelica.'), *others])} | {lines} | {modelica} | {difference:.1e} |"
+    return (f"| {', '.join([first.partition('.Examples.')[2], *others])} | {lines} | {modelica} | {difference:.1e} |"
             f" {notes} |").replace("  |", " |")
 
 
@@ -99,11 +99,14 @@ def largest_difference(name: str, columns: dict[str, Array]) -> float:
 
 
 def main(results: Path, library: Path, names: list[str]) -> None:
-    """Print the table."""
-    print("| example | lines of YAML | lines of Modelica | largest difference | not expressed as there |")
-    print("|---|---|---|---|---|")
+    """Print a table for each package."""
+    last = ""
     for name in names or examples():
         example = examples()[name][0].partition(" and ")[0]
+        if (package := example.removeprefix("Modelica.").partition(".Examples.")[0]) != last:
+            print(f"\n### {package}\n\n| example | lines of YAML | lines of Modelica | largest difference |"
+                  " not expressed as there |\n|---|---|---|---|---|")
+            last = package
         folder = results / example.replace(".", "/")
         difference = largest_difference(name, reference(folder / f"{folder.name}.csv"))
         print(row(name, lines_of_modelica(library, example), difference), flush=True)
