@@ -51,6 +51,14 @@ def test_the_shares_of_a_mode_are_those_of_the_parts(run: Result) -> None:
     body, wheel = found
     assert sum(body["energy"].values()) == pytest.approx(1) and max(body["energy"], key=body["energy"].get) == "body"
     assert max(wheel["energy"], key=wheel["energy"].get) == "wheel"
+    # both masses move together in the first mode, against each other in the second
+    ratios = [complex(*mode["shape"]["wheel"]) / complex(*mode["shape"]["body"]) for mode in (body, wheel)]
+    assert ratios[0].real > 0 and ratios[1].real < 0 and "road" not in body["shape"]
+    # undamped: the ratio of the amplitudes is 1 - m_body*w**2/c
+    free = modes(run.assembly, {"damper.d": "0 N*s/m", "tyre.d": "0 N*s/m"})["modes"]
+    for mode in free:
+        ratio = complex(*mode["shape"]["wheel"]) / complex(*mode["shape"]["body"])
+        assert ratio == pytest.approx(1 - 320 * (2 * np.pi * mode["frequency"])**2 / 22e3, rel=1e-6)
     softer = modes(run.assembly, {"spring.c": "5 kN/m"})["modes"]
     assert isinstance(softer, list) and softer[0]["frequency"] < 0.6 * body["frequency"]
 

@@ -122,7 +122,9 @@ class ModalEnergies:
         flat = assembly.flat
         self.assembly = assembly
         self.left_out = tuple(dict.fromkeys(b.owner for b in flat.bonds.values() if not b.efforts))
-        bonds = [b for b in flat.bonds.values() if b.owner not in self.left_out]
+        named = {name: b for name, b in flat.bonds.items() if b.owner not in self.left_out}
+        bonds = list(named.values())
+        self.ports = [name for name, b in named.items() for _ in b.efforts]
         self.owners = list(dict.fromkeys(b.owner for b in bonds))
         number = {owner: k for k, owner in enumerate(self.owners)}
         self._owner = np.array([number[b.owner] for b in bonds for _ in b.efforts], dtype=int)
@@ -136,19 +138,25 @@ class ModalEnergies:
         """The shares of the components in each of the modes near a point."""
         if not modes or not self.owners or any(mode.z is not None for mode in modes):
             return [ModalShares(left_out=self.left_out) for _ in modes]
-        slopes, = self._slopes(*point.values()).values()
-        n_x, n_b = len(point.x), len(self._owner)
-        v = np.column_stack([mode.right for mode in modes]) * self.assembly.x_nominal[:, None]
-        ports, loops = slopes[:2 * n_b], slopes[2 * n_b:]
-        changes = ports[:, :n_x] @ v
-        if len(point.z):
-            changes = changes - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
-        products = np.conj(changes[:n_b]) * changes[n_b:]
+        efforts, flows = self.motions(point, modes)
+        products = np.conj(efforts) * flows
         power, sizes = (np.zeros((len(self.owners), len(modes)), kind) for kind in (complex, float))
         np.add.at(power, self._owner, products)
         np.add.at(sizes, self._owner, np.abs(products))
         return [self._of_mode(mode, dict(zip(self.owners, power[:, k].tolist(), strict=True)), float(sizes[:, k].sum()))
                 for k, mode in enumerate(modes)]
+
+    def motions(self, point: Point, modes: Sequence[Mode]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """The complex amplitudes of the efforts and of the flows at `ports` (ports, modes), in SI, for the vectors of the
+        modes near a point."""
+        slopes, = self._slopes(*point.values()).values()
+        n_x, n_b = len(point.x), len(self._owner)
+        v = np.column_stack([mode.right for mode in modes]) * self.assembly.x_nominal[:, None]
+        at_ports, loops = slopes[:2 * n_b], slopes[2 * n_b:]
+        changes = at_ports[:, :n_x] @ v
+        if len(point.z):
+            changes = changes - at_ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
+        return changes[:n_b], changes[n_b:]
 
     def _of_mode(self, mode: Mode, power: Mapping[str, complex], size: float) -> ModalShares:
         if not mode.value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from heavebond.core.presentation import converted, readable_unit
 from heavebond.equations.flatten import Flat
 from heavebond.language.symbols import stack
-from heavebond.linear.linearisation import ModesAtStart
-from heavebond.linear.modal_values import energy_shares
+from heavebond.linear.linearisation import Mode, ModesAtStart
+from heavebond.linear.modal_values import ModalEnergies
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
+from heavebond.numerics.start_equations import Point
 from heavebond.studio.contents import Entry
 
 FRAMES = 400  # largest number of instants that the page shows in sequence
 SIGNAL = "signal"
+SMALLEST = 1e-6  # amplitude at a node, relative to the largest of its domain, below which it is rounding
 
 
 def animation(result: Result) -> tuple[Entry, Array]:
@@ -93,18 +95,45 @@ def _of_parts(flat: Flat) -> Iterable[Wanted]:
 
 
 def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
-    """The modes at the start with the shares of the parts in their energy, as `heavebond modes` lists them."""
+    """The modes at the start with the shares of the parts in their energy, as `heavebond modes` lists them, and the shape of
+    each mode at the nodes."""
     at_start = ModesAtStart(assembly)
     first, modes_at_start = at_start.at(settings)
     point = at_start.point(first)
-    shares = energy_shares(assembly, point, modes_at_start)
+    energies = ModalEnergies(assembly)
+    shares, shapes = energies.shares(point, modes_at_start), _shapes(energies, point, modes_at_start)
     held = [h.name for h in at_start.constant(first) if h.acts]
     entries = []
-    for mode, share in zip(modes_at_start, shares, strict=True):
+    for mode, share, shape in zip(modes_at_start, shares, shapes, strict=True):
         # the share of a block is the sum over its parts
         sums = {path: sum(energy for owner, energy in share.energy.items() if owner == path or owner.startswith(f"{path}."))
                 for path in assembly.flat.expanded.leaves}
         entries.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None,
-                        "swings": mode.swings, "held": held,
+                        "swings": mode.swings, "held": held, "shape": shape,
                         "energy": {path: energy for path, energy in sums.items() if energy > 0}})
     return {"modes": entries}
+
+
+def _shapes(energies: ModalEnergies, point: Point, modes_at_start: Sequence[Mode]) -> list[dict[str, tuple[float, float]]]:
+    """For each mode the complex amplitude (real and imaginary part) of the across variable of each node. The largest
+    amplitude of each domain is 1."""
+    if not modes_at_start or any(mode.z is not None for mode in modes_at_start):
+        return [{} for _ in modes_at_start]
+    flat = energies.assembly.flat
+    efforts, flows = energies.motions(point, modes_at_start)
+    row = {name: k for k, name in reversed(list(enumerate(energies.ports)))}
+    across: dict[str, tuple[str, NDArray[np.complex128]]] = {}
+    for path, junction in flat.expanded.junctions.items():
+        domain = flat.domains.get(path)
+        port = next((name for end in junction.ends if (name := f"{end.leaf}.{end.port}") in row), None)
+        if domain is not None and port is not None and domain.effort is not None and domain.flow is not None:
+            across[path] = domain.name, (flows if domain.effort in domain.through else efforts)[row[port]]
+    shapes = []
+    for k in range(len(modes_at_start)):
+        largest: dict[str, complex] = {}
+        for domain_name, values in across.values():
+            largest[domain_name] = max(largest.get(domain_name, 0j), complex(values[k]), key=abs)
+        scaled = {path: complex(values[k]) / largest[domain_name]
+                  for path, (domain_name, values) in across.items() if largest[domain_name]}
+        shapes.append({path: (value.real, value.imag) for path, value in scaled.items() if abs(value) > SMALLEST})
+    return shapes

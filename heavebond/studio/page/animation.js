@@ -5,10 +5,11 @@ import { byId, el, number, unitLabel } from "./dom.js";
 const SVG = "http://www.w3.org/2000/svg";
 /** @type {[string, string, string][]} what can be shown, its name, what it tells */
 const SHOWN = [["", "nothing", ""], ["effort", "effort", "force, pressure, voltage on the wires"], ["flow", "flow", "velocity, flow rate, current on the wires"], ["power", "power", "power through the wires"],
-  ["energy", "energy", "energy that the parts store, and power that they dissipate"], ["modes", "modes", "shares of the parts in the energy of a mode at the start"]];
+  ["energy", "energy", "energy that the parts store, and power that they dissipate"], ["modes", "modes", "shape of a mode at the start on the wires (▶ plays it), and shares of the parts in its energy"]];
 const SPEEDS = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000];
 const LASTING = 10; // s that a whole run takes at the speed that is chosen first
 const SEEN = 0.001; // the share of the largest from which on a value is written
+const PERIOD = 1.6; // s in which a mode that is played swings once
 const ZERO = 1e-9; // the share of a quantity's own largest below which it is rounding
 const WIDTH = [1.6, 5]; // of a wire that carries nothing and of the one that carries most
 const [RISEN, FALLEN, STORED, LOST, STILL] = ["#c44e00", "#0072b2", "#0072b2", "#c44e00", "#b0bac4"];
@@ -19,6 +20,7 @@ export class Animation {
     this.studio = studio;
     this.place = byId("player");
     this.what = "";
+    this.phase = 0; // of a mode that is played
     this.clear();
   }
 
@@ -28,7 +30,7 @@ export class Animation {
     /** @type {any} */ this.data = null; // of the run `of`
     /** @type {any} */ this.of = null;
     /** @type {any[]|null} */ this.modes = null;
-    this.mode = this.time = this.speed = 0;
+    this.mode = this.time = this.speed = this.phase = 0;
     this.restore();
     this.studio.machine.clear();
     this.show();
@@ -134,7 +136,8 @@ export class Animation {
   // -- time ----------------------------------------------------------------------------------------------------------
   toggle() {
     if (this.frame) { this.stop(); return; }
-    if (!this.studio.machine.on && (!this.what || this.what === "modes")) void this.choose("flow");
+    if (!this.studio.machine.on && !this.what) void this.choose("flow");
+    if (this.what === "modes") { this.swing(); return; }
     const end = this.of?.time.at(-1) ?? 0;
     if (this.time >= end) this.time = this.of?.time[0] ?? 0;
     let last = performance.now();
@@ -144,6 +147,18 @@ export class Animation {
       this.at(Math.min(end, this.time + passed));
       if (this.time >= end) this.stop();
       else this.frame = requestAnimationFrame(step);
+    };
+    this.frame = requestAnimationFrame(step);
+    if (this.play) { this.play.textContent = "❚❚"; this.play.setAttribute("aria-label", "Pause"); }
+  }
+
+  /** Play the shape of the mode, each period in the same time. */
+  swing() {
+    const begun = performance.now();
+    const step = (/** @type {number} */ now) => {
+      this.phase = 2 * Math.PI * (now - begun) / 1000 / PERIOD;
+      this.drawMode();
+      this.frame = requestAnimationFrame(step);
     };
     this.frame = requestAnimationFrame(step);
     if (this.play) { this.play.textContent = "❚❚"; this.play.setAttribute("aria-label", "Pause"); }
@@ -224,6 +239,12 @@ export class Animation {
   drawMode() {
     const mode = this.modes?.[this.mode ?? 0], sheet = byId("sheet");
     if (!mode) return;
+    for (const wire of sheet.querySelectorAll("path.wire[data-node]")) {
+      const [real, imaginary] = mode.shape[wire.getAttribute("data-node") ?? ""] ?? [0, 0], style = /** @type {any} */ (wire).style;
+      const value = mode.swings ? real * Math.cos(this.phase) - imaginary * Math.sin(this.phase) : real;
+      style.stroke = `color-mix(in srgb, ${value < 0 ? FALLEN : RISEN} ${Math.round(100 * Math.sqrt(Math.abs(value)))}%, ${STILL})`;
+      style.strokeWidth = String(WIDTH[0] + (WIDTH[1] - WIDTH[0]) * Math.abs(value));
+    }
     for (const group of sheet.querySelectorAll("g.part[data-part]")) this.heat(group, mode.energy[group.getAttribute("data-part") ?? ""] ?? 0, 0);
     for (const label of sheet.querySelectorAll("g[data-part] > text.part")) {
       const share = mode.energy[label.parentElement?.getAttribute("data-part") ?? ""] ?? 0;
