@@ -145,10 +145,12 @@ def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Pat
                                   "values": {"inputs": ["road.u"], "outputs": ["body.x"]}}, car.parent)
         with pytest.raises(UsageError, match="unknown"):
             run_command(car, {"command_line": LINE, "command": "export", "format": "../x.c"}, car.parent)
+        flow = run_command(car, {"command_line": LINE, "command": "energy", "picture": True}, car.parent)
         swept = run_command(car, {"command_line": LINE, "command": "sweep", "values": {
             "overs": ["damper.d=0.5 .. 3 kN*s/m; 2", "body.m=300 kg, 320 kg"], "measures": ["rms(body.x) in mm"]}},
             car.parent)
     assert told["files"] == ["car.c"] and (car.parent / "car.c").is_file()
+    assert len(flow["pictures"]) == 1 and "damper" in flow["pictures"][0]["svg"]
     assert len(swept["pictures"]) == 2 and all("<svg" in p["svg"] for p in swept["pictures"])
     shutil.rmtree(car.parent / "car_sweep")
     assert "<svg" in drawn["pictures"][0]["svg"] and str(car.parent) not in drawn["text"]

@@ -46,7 +46,7 @@ def forms(command_line: str) -> Entry:
                         "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [],
                         "several": p.multiple, "required": p.required} for p in _options(command)]
             command_forms[kind].append({"name": name, "summary": command.get_short_help_str(100), "options": options,
-                                        "picture": _draws(command), "formats": list(FORMS.get(name, ()))})
+                                        "picture": bool(_draws(command)), "formats": list(FORMS.get(name, ()))})
     return dict(command_forms)
 
 
@@ -65,9 +65,11 @@ def _options(command: click.Command) -> Iterator[click.Option]:
             yield p
 
 
-def _draws(command: click.Command) -> bool:
-    """True if the command draws a picture with `--output`."""
-    return any(p.name == "output" and p.metavar == "PICTURE" for p in command.params if isinstance(p, click.Option))
+def _draws(command: click.Command) -> str:
+    """The option with which the command draws a picture: `--output`, or `--sankey` for the flow of energy; empty if it draws
+    none."""
+    return next((p.opts[-1] for p in command.params if isinstance(p, click.Option)
+                 and (p.name == "sankey" or (p.name == "output" and p.metavar == "PICTURE"))), "")
 
 
 def arguments(group: click.Group, name: str, values: Mapping[str, Any]) -> list[str]:
@@ -96,8 +98,8 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
     words = arguments(group, name, dict(options.get("values") or {}))
     command, written = group.commands[name], ""
     with tempfile.TemporaryDirectory(prefix=".heavebond-", dir=folder) as scratch:
-        if options.get("picture") is True and _draws(command):
-            words.append(f"--output={Path(scratch).resolve() / 'picture.svg'}")
+        if options.get("picture") is True and (drawing := _draws(command)):
+            words.append(f"{drawing}={Path(scratch).resolve() / 'picture.svg'}")
         elif name in FORMS:
             suffix = options.get("format")
             if suffix not in FORMS[name]:
