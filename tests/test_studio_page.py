@@ -126,6 +126,8 @@ def _swept(tab: browser.Tab, file: Path) -> None:
 @pytest.mark.long
 def test_a_slider_runs_while_it_moves_and_runs_are_laid_over_each_other(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
+    tab.run("localStorage.clear()")  # without the runs that an earlier test kept
+    _open(tab, server)
     tab.click("#run")
     tab.wait("studio.runs.live && !studio.runs.busy")
     tab.click("#keep")

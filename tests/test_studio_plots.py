@@ -149,6 +149,12 @@ def test_kept_runs_are_there_after_a_reload(tab: browser.Tab, server: Server) ->
     _open(tab, server, "kept.yaml")
     tab.click("#restore")
     tab.wait("studio.runs.kept.length === 2 && !studio.runs.busy", 60)
+    # a run that is asked for meanwhile is not superseded by them
+    tab.run("studio.runs.kept.forEach(run => run.seconds = 1), studio.runs.remember(), 1")
+    _open(tab, server, "kept.yaml")
+    tab.wait("studio.runs.restoring")
+    tab.key("Enter", ctrl=True, code=13)
+    tab.wait("studio.runs.live && studio.runs.kept.length === 2 && !studio.runs.busy", 60)
     assert tab.complaints == []
 
 

@@ -81,7 +81,8 @@ class Drawings {
 
   /** @template {HTMLElement} T @param {string} name @param {T} card */
   on(name, card) {
-    const frame = el("div", { class: "thumbnail", "data-drawing": name, "aria-hidden": "true" });
+    const frame = el("div", { class: "thumbnail waiting", "data-drawing": name, "aria-hidden": "true" }, "drawing…");
+    if (last.has(name)) frame.classList.remove("waiting");
     if (last.has(name)) frame.replaceChildren(/** @type {any} */ (last.get(name)).cloneNode(true));
     card.prepend(frame);
     this.observer.observe(frame);
@@ -99,7 +100,7 @@ class Drawings {
       try { this.show(frame, name, (await this.studio.link.ask("thumbnail", { name })).svg ?? ""); }
       catch (error) {
         last.delete(name);
-        frame.classList.add("broken");
+        frame.classList.replace("waiting", "broken");
         frame.replaceChildren("cannot be drawn");
         frame.title = error instanceof Error ? error.message : String(error);
         frame.removeAttribute("aria-hidden");
@@ -110,6 +111,8 @@ class Drawings {
 
   /** @param {HTMLElement} frame @param {string} name @param {string} text */
   show(frame, name, text) {
+    frame.classList.remove("waiting");
+    frame.replaceChildren();
     if (!text) return;
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
     svg.querySelector(":scope > rect")?.remove();

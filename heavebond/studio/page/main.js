@@ -248,6 +248,7 @@ class Studio {
     // a port that is not connected is marked itself
     this.diagram.blame(told.problems.filter((/** @type {any} */ p) => p.part && !isUnconnected(p)).map((/** @type {any} */ p) => p.part));
     this.showProblems(told.problems);
+    if (empty) byId("to-problems").textContent = ""; // an empty sheet is no mistake
     this.runs.checked(text);
     if (drawn && text === this.editor.text) this.tidy();
     this.evidence.recognise(this.view);

@@ -12,6 +12,7 @@ export class Runs {
   /** @type {string[]} */ plotted = [];
   /** @type {any} */ live = null;
   /** @type {any[]} */ kept = [];
+  resume = false; // whether the restoring of kept runs gave way to a run
   /** @type {string|null} */ failed = null; // text of a run that failed, whose problems are shown
   /** @type {any[]} */ stored = []; // kept when the diagram was open before, not computed yet
 
@@ -28,7 +29,7 @@ export class Runs {
 
   /** As for a diagram that was just opened. */
   clear() {
-    Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false });
+    Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false, resume: false });
     this.serial = 0;
     this.invite();
     this.showRuns();
@@ -176,6 +177,7 @@ export class Runs {
       if (!--this.busy) byId("stop").hidden = true;
       this.showRuns();
       void this.studio.panel.fetchValues();
+      if (this.resume && !this.busy && here()) { this.resume = false; void this.restore(); }
     }
   }
 
@@ -212,14 +214,14 @@ export class Runs {
 
   /** Simulate the runs that were kept when the diagram was open before; each has its text and its values. */
   async restore() {
-    const name = this.studio.document?.name, here = () => this.studio.document?.name === name;
+    const name = this.studio.document?.name, begun = this.begun, here = () => this.studio.document?.name === name;
     if (this.restoring) return;
     this.restoring = true;
     byId("stop").hidden = false;
     this.busy++;
     this.showRuns();
     try {
-      while (this.stored.length && here()) {
+      while (this.stored.length && here() && this.begun === begun) { // a run that is asked for goes first
         const [next] = this.stored;
         this.studio.say(`computing the kept run ${next.label}`);
         const told = await this.studio.link.ask("run", { name, text: next.text, values: next.values, names: this.plotted });
@@ -230,13 +232,13 @@ export class Runs {
         this.stored.shift();
         this.showPlots();
       }
-      this.studio.say("");
+      if (this.begun === begun) this.studio.say("");
     } catch (error) {
       if (here()) this.studio.say(`the kept run ${this.stored.shift()?.label} failed: ${error instanceof Error ? error.message.split("\n")[0] : ""}`);
     } finally {
       this.restoring = false;
       if (!--this.busy) byId("stop").hidden = true;
-      if (here()) this.showRuns();
+      if (here()) { this.showRuns(); if (this.begun !== begun) this.resume = true; }
     }
   }
 
