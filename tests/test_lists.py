@@ -168,6 +168,8 @@ def test_the_library_tells_lists_from_numbers() -> None:
 
 def test_one_value_for_a_list_or_a_matrix_is_named() -> None:
     for settings, wanted in (("is: TableSource, t: 1 s, v: [0, 1]", "Write `t: [1 s, 1 s]`, with a value for each element"),
+                             ("is: PredictiveController, n: 1, m: 1, r: 1, y_min: -1, y_max: [1], rate: [1 1/s], T_s: 1 s",
+                              "Write `y_min: [-1]`, with a value for each element"),
                              ("is: MatrixGain, n: 2, m: 2, K: 2", "Write `K: [[2, 2]]`, with a value for each element of")):
         with pytest.raises(hb.ModelError, match="not one value") as error:
             hb.assemble(hb.loads(f"model: m\ncomponents: {{part: {{{settings}}}}}\n"))

@@ -331,9 +331,11 @@ class _Opener:
         for name, rows in lists.items():
             setting = instance.settings[name]
             example = setting.text if isinstance(setting, Value) else "1"
-            kind = "list" if rows == "[]" else "matrix"
+            kind, head = ("list", f"{name}[") if rows == "[]" else ("matrix", f"{name}[1][")
+            number = sum(parameter.startswith(head) for parameter in component.parameters)
+            elements = f"[{', '.join([example] * min(number, 2))}]"
             self.problems.add("parameter-list", f"{name} of {component.name} is a {kind}, not one value", setting.place,
-                              hint=f"Write `{name}: {rows.replace('[]', f'[{example}, {example}]')}`, with a value for each "
+                              hint=f"Write `{name}: {rows.replace('[]', elements)}`, with a value for each "
                               f"{'element' if rows == '[]' else 'element of each row'}.")
         for name in (name for name in unknown if name.partition("[")[0] not in single and name not in lists):
             kind_of_setting = next((k for k, group in groups if name in group), "")
