@@ -225,6 +225,14 @@ def test_a_start_below_a_limit_is_reported_before_the_integration(more: dict[str
     assert run.verdict.failed and list(run.time) == [0.0]
 
 
+@pytest.mark.filterwarnings("ignore::heavebond.RunWarning")
+def test_a_start_below_a_limit_at_a_node_without_capacity_is_repeated_with_a_volume_there() -> None:
+    """The sensing line has no capacity, and its pressure without one is below vacuum at the start."""
+    run = hb.simulate(hb.load(MODELS / "circuits" / "load_sensing.yaml"), until=0.01)
+    assert run.statistics["fills"] and not run.verdict.failed
+    assert run.time[-1] == 0.01
+
+
 def test_a_component_declares_the_limit_of_its_variable(tmp_path: Path) -> None:
     """A gauge pressure of a component in a file of a user, and the message that it has."""
     law = """

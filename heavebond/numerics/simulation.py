@@ -138,7 +138,9 @@ def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float
     try:
         return simulator.run(parameters)
     except (StartError, SimulationError) as error:
-        if not _may_help(error.problems[0]):
+        # the pressure of a node without capacity at the start may be below its limit, because nothing determines it there
+        at_start = isinstance(error, LimitPassed) and error.result is not None and error.bracket[0] == error.bracket[1]
+        if not _may_help(error.problems[0]) and not (at_start and unfilled(simulator.assembly)):
             raise
         first = error
     assembly = simulator.assembly.with_parameters(parameters) if parameters else simulator.assembly
