@@ -141,8 +141,10 @@ class Wires:
         if base not in component.ports and base not in component.signals:
             choices = [*component.ports, *component.signals]
             self.meant |= {f"{prefix}{head}.{p}" for p in choices}
+            apart = f"{head}.{port}".split()  # ends without a comma between them
+            commas = f"Write a comma between two ends: {', '.join(apart)}." if len(apart) > 1 else ""
             self.problems.add("port-unknown", f"'{head}' ({component.name}) has no port '{port}'", end.place,
-                              hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
+                              hint=commas or suggest(port, choices) or f"Its ports: {listing(choices)}.")
             return None
         return PortEnd(prefix + head, port, 1, end.place)
 
