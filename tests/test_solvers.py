@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -16,7 +17,11 @@ from diagrams import BALL, FLOOR
 import heavebond as hb
 from heavebond import cli
 from heavebond.language.sections import SOLVERS
+from heavebond.numerics.dae import Integrand
 from heavebond.numerics.dynamic_state_selection import StateChoices
+from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.idas import Idas, Tolerances
+from heavebond.numerics.looks import Looks
 from heavebond.optimise.influence import rank
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -446,3 +451,20 @@ def test_another_solver_goes_on_from_the_last_accepted_point(monkeypatch: pytest
         ("idas", "cvodes", "IDA_CONV_FAIL")]
     assert 0.9 < changes[0]["time"] < 1.6  # a stretch that began before 1 s ended there
     assert apart(plain, run) < 1e-6
+
+
+def test_few_steps_suffice_without_consistent_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a search for events, a call may take few steps between two points, the first of which are close to the begin. Where
+    IDAS cannot make x' consistent, the steps begin so small that they double many times."""
+    x, z = ca.SX.sym("x"), ca.SX.sym("z")
+    dae = {"x": x, "z": z, "ode": -z, "alg": z - x, "t": ca.SX.sym("t"), "p": ca.SX(0, 1), "u": ca.SX(0, 1)}
+    looks = Looks.dense(0.0, 1e-3, 1, 1e-9)
+    stops = np.append(0.0, looks.times)
+    idas = Idas(Integrand(dae, ca.Function("hoist", [], [])), stops, Tolerances(), EVENTS.steps_per_check)
+
+    def inconsistent(**arguments: object) -> None:
+        raise RuntimeError("IDACalcIC failed")
+
+    monkeypatch.setattr(idas, "_usual", inconsistent)
+    found = idas(x0=[1.0], z0=[1.0])
+    assert found["xf"].ravel() == pytest.approx(np.exp(-looks.times), rel=1e-7)

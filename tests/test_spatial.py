@@ -482,3 +482,27 @@ simulate: {until: 1 s, every: 100 ms}
 """))
     assert run["ball.x"][-1] == pytest.approx(0.25, abs=1e-8)
     assert run["ball.y"][-1] == pytest.approx(2/3*(1 - np.exp(-1.5)), abs=1e-7)
+
+
+@pytest.mark.parametrize(("old", "new", "code", "hint"), [
+    ("upper.phi: 0.3 rad", "one.phi: 0.3 rad", "name-unknown", "`attitude.pitch`"),
+    ("n: [0, -1, 0]", "n: y", "formula-unmarked", "`n: [1, 0, 0]`"),
+    ("n: [0, -1, 0]", "n: [0, -1]", "parameter-missing", "Write `n: [..., ..., ...]`, each value with its unit."),
+    ("two:    {is: SpatialBody, m: 1 kg, J_x: 0.05 kg*m**2, J_y: 0.1 kg*m**2, J_z: 0.1 kg*m**2, l_x: 0.4 m}",
+     "two:    {is: PlanarBody, m: 1 kg, J: 0.1 kg*m**2}", "domains-mixed", "SpatialBody"),
+    ("J_y: 0.2 kg*m**2, J_z", "J_y: 0.2 kg*m**2, J_xy: 0.15 kg*m**2, J_z", "requirement", "J_xy = 0.15 kg*m**2"),
+])
+def test_mistakes_in_a_machine_in_space(old: str, new: str, code: str, hint: str) -> None:
+    assert old in DOUBLE
+    with pytest.raises(HeavebondError) as caught:
+        hb.simulate(hb.loads(DOUBLE.replace(old, new)))
+    first = next(problem for problem in caught.value.problems if problem.code == code)
+    assert hint in str(first)
+
+
+def test_moments_of_inertia_of_no_body_are_reported() -> None:
+    run = hb.simulate(hb.loads(DOUBLE.replace("J_z: 0.2 kg*m**2", "J_z: 2 kg*m**2")), "0.1 s")
+    assert any("no rigid body has a moment of inertia" in str(finding) for finding in run.verdict.findings)
+    # a plate, with rounded values
+    plate = DOUBLE.replace("J_y: 0.2 kg*m**2, J_z: 0.2 kg*m**2", "J_y: 0.2 kg*m**2, J_z: 0.301 kg*m**2")
+    assert not any("rigid body" in str(finding) for finding in hb.simulate(hb.loads(plate), "0.1 s").verdict.findings)

@@ -290,8 +290,10 @@ class _Opener:
                 elements = [element for element in component.parameters if element.partition("[")[0] == base]
                 rows, *columns = elements[-1].removeprefix(base).strip("[]").split("][")
                 size = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
-                form = "[[..., ...], ...]" if columns else "[..., ...]"
-                note = "" if set(elements) <= set(names) else \
+                form = "[[..., ...], ...]" if columns else f"[{', '.join(['...']*min(int(rows), 3))}]"
+                declared = self.model.library.component(component.name).parameters[base].count
+                fixed = declared is not None and constant(declared) is not None
+                note = "" if fixed or set(elements) <= set(names) else \
                     f"\nOr give the other lists of '{path}' the same length: they determine this size, too."
                 self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs {size} for {base} "
                                   f"({parameter.doc}); {name} is not given", place,

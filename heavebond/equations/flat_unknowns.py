@@ -87,8 +87,8 @@ class Unknowns:
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
                 usual = self.plausible_of.get(unit.text, NOTHING_KNOWN) if variable.nominal is None else \
                     PlausibleRange(variable.nominal)
-                if variable.physical is not None:
-                    usual = replace(usual, least=variable.physical, beyond=variable.beyond)
+                least = usual.least if variable.physical is None else variable.physical
+                usual = replace(usual, least=least, beyond=variable.beyond)
                 self._unknown(Unknown(
                     f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
                     variable.doc, -inf if variable.low is None else variable.low,

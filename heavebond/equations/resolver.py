@@ -24,11 +24,15 @@ Course = TypeVar("Course", ca.SX, NDArray[np.float64])  # an expression, or valu
 POWER, WATT = "power", declared_unit("W").dimension
 
 
+# angles that a user may look for at a frame in space, and the outputs of a SpatialSensor
+ANGLES = {"phi": "pitch", "angle": "pitch", "roll": "roll", "pitch": "pitch", "yaw": "yaw"}
+
+
 @dataclass(frozen=True)
 class PlausibleRange:
     """The plausible values of a variable in SI: its typical size (inf if none is declared), the growth of that size per
-    second (a position moves on at its typical speed), the value that no machine exceeds, and the physical limit below which
-    a run ends, with the advice of its message."""
+    second (a position moves on at its typical speed), the value that no machine exceeds, the physical limit below which a
+    run ends, and the advice of the message on a value below it, or outside the declared range if there is no such limit."""
 
     typical: float = inf
     per_second: float = 0.0
@@ -212,8 +216,14 @@ class Resolver:
 
     def _unknown(self, path: str, name: Name) -> ExpressionProblem:
         powers = [f"{port}.{POWER}" for port in self.bonds] if path.endswith(f".{POWER}") else []
-        hint = "The time is called 'time'." if path == "t" else \
-            suggest(path, powers or [*self.names, *self.constants]) or NAMES_LISTED
+        owner, _, member = path.rpartition(".")
+        if path == "t":
+            hint = "The time is called 'time'."
+        elif member in ANGLES and self._known(f"{owner}.q_0"):
+            hint = "A frame in space has no angles. Add a SpatialSensor `attitude` to the node and write " \
+                f"`attitude.{ANGLES[member]}`, or name the coordinate of a joint, such as `joint.phi`."
+        else:
+            hint = suggest(path, powers or [*self.names, *self.constants]) or NAMES_LISTED
         return ExpressionProblem("name-unknown", f"nothing here is called '{name.text}'", name.column, name.length,
                                  hint)
 

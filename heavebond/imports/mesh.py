@@ -39,7 +39,7 @@ def read_mesh(file: Path, place: Place | None = None) -> Any:
         raise UsageError([Problem("trimesh-missing", "reading a mesh needs trimesh, which is not installed", place,
                                   "pip install 'heavebond[mesh]'" + (", or draw a box." if place else ""))]) from None
     try:
-        mesh = trimesh.load(file, force="mesh", process=False, skip_materials=True)
+        mesh: Any = trimesh.load(file, force="mesh", process=False, skip_materials=True)
         readable = len(mesh.faces) > 0 and bool(np.isfinite(mesh.vertices).all())
     except Exception as error:  # a loader raises whatever it meets in a damaged file
         raise UsageError([Problem("mesh-unreadable", f"'{file.name}' cannot be read: {error}", place)]) from None

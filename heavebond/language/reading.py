@@ -246,7 +246,9 @@ def _example(subject: str, parameter: Parameter | SignalPort | None) -> str:
     if parameter is None or is_generic(parameter.unit.dimension):
         return "Write for example `42 kN/m`"
     unit = "" if parameter.unit.text == "1" else f" {parameter.unit.text}"
-    return f"Write for example `{subject.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
+    length = None if parameter.count is None or parameter.columns is not None else constant(parameter.count)
+    value = f"1{unit}" if length is None else f"[{', '.join([f'1{unit}', *[f'0{unit}']*(int(length) - 1)])}]"
+    return f"Write for example `{subject.rpartition('.')[2]}: {value}`" + (f" ({parameter.doc})" if parameter.doc else "")
 
 
 def _range_of(content: str) -> str | None:

@@ -87,6 +87,8 @@ class Idas:
         permuted = {name: dae[name][self._orders[unknown]] for name, unknown in rows}
         self._dae, self._begin = {**dae, **permuted}, float(stops[0] / unit)
         self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
+        # half of the steps that a call with few steps may take double the first step up to the first output point
+        self._first_step = max(FIRST_STEP, 2.0**(-most_steps/2)) * (self._outputs[0] - self._begin)
         self._options = {**integrator_options(self._dae, tolerances, integrand.smallest_pivot), "max_num_steps": most_steps,
                          **({"max_step_size": integrand.longest / unit} if integrand.longest else {})}
         if strict:
@@ -122,7 +124,7 @@ class Idas:
             if "IDACalcIC" not in str(error):
                 raise
         if self._blind is None:
-            self._blind = self._integrator({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
+            self._blind = self._integrator({"calc_ic": False, "step0": self._first_step})
         self._last = self._blind
         return self._blind(**arguments)
 

@@ -399,7 +399,8 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
     if below.any():
         yield _passed("physical", u, values, time, below, u.plausible.least, u.plausible.beyond)
     owner, _, name = u.name.rpartition(".")
-    advice = f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
+    advice = u.plausible.beyond if u.plausible.beyond and not math.isfinite(u.plausible.least) else \
+        f"beyond what {owner} allows for its {name}. Look at its start, and at what drives it"
     ends = [(u.low, -1), (u.high, 1)] if u.role == "own" else []
     for limit, side in ends:
         over = side * (values - limit) > _grace(u, limit)
