@@ -593,14 +593,13 @@ class ObserverController:
 
 def lqg(plant: Sequence[Array], weights: Sequence[Array], noise: Sequence[Array], *, period: float | None = None,
         states: Sequence[str] = ()) -> ObserverController:
-    """Linear quadratic regulator with a Kalman filter for the plant x' = A x + B u, y = C x + D u with `plant` = (A, B, C)
-    or (A, B, C, D).
+    """Linear quadratic regulator with a Kalman filter for the plant x' = A x + B u, y = C x + D u.
 
-    `weights` (Q, R) or (Q, R, N) are the weights of x' Q x + u' R u + 2 x' N u, `noise` (W, V) or (W, V, S) the intensities
-    of the process noise in x' and of the noise of y, and their cross intensity (n, k), `states` the names of x. With a
-    `period` in s the plant is x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], and the matrices are for a sample. The
-    filter predicts: u[k] is a function of y up to k - 1. Raises UsageError if a Riccati equation has no stabilising
-    solution.
+    `plant` is (A, B, C) or (A, B, C, D), `weights` (Q, R) or (Q, R, N) are the weights of x' Q x + u' R u + 2 x' N u,
+    `noise` (W, V) or (W, V, S) the intensities of the process noise in x' and of the noise of y, and their cross intensity
+    (n, k), `states` the names of x. With a `period` in s the plant is x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], and
+    the matrices are for a sample. The filter predicts: u[k] is a function of y up to k - 1. Raises UsageError if a Riccati
+    equation has no stabilising solution.
     """
     from scipy.linalg import solve_continuous_are, solve_discrete_are
 
