@@ -53,7 +53,7 @@ nodes:
 initial: {upper.phi: 0.3 rad, lower.phi: 1 rad, upper.w: 0 rad/s, lower.w: 0 rad/s}
 show:
   kinetic: {is: "two.m*dot(two.u, two.u)/2 + one.m*dot(one.u, one.u)/2 + dot(one.w, one.L)/2 + dot(two.w, two.L)/2", unit: J}
-  energy:  {is: "kinetic + one.m*one.g*(one.z + one.r[3]) + two.m*two.g*(two.z + two.r[3])", unit: J}
+  potential: {is: "one.m*one.g*(one.z + one.r[3]) + two.m*two.g*(two.z + two.r[3])", unit: J}
 simulate: {until: 1000 s, every: 0.1 s}
 """
 
@@ -117,8 +117,8 @@ def drift() -> None:
     for rtol in (1e-10, 1e-12):
         begin = time.process_time()
         run = hb.simulate(model, rtol=rtol, atol=rtol)
-        took, kinetic = time.process_time() - begin, np.ptp(run["kinetic"])
-        print(f"double pendulum in space, 1000 s, rtol {rtol:g}: drift {np.ptp(run['energy'])/kinetic:.1e} in {took:.0f} s")
+        took, share = time.process_time() - begin, np.ptp(run["kinetic"] + run["potential"])/np.ptp(run["kinetic"])
+        print(f"double pendulum in space, 1000 s, rtol {rtol:g}: drift {share:.1e} in {took:.0f} s", flush=True)
 
 
 def machines() -> None:
