@@ -94,8 +94,8 @@ def at_ends(finding: AddedEffect, is_shown: bool = True) -> list[str]:
     if finding.beyond:
         lines.append(f"{listing(finding.beyond)} {'are' if several else 'is'} at the end of the range in which "
                      f"{'they were' if several else 'it was'} sought, and the error would fall beyond it: neither "
-                     f"{'the values' if several else 'the value'} nor the name is certain. Widen `search_range`, or look "
-                     "for a further effect of its kind.")
+                     f"{'the values' if several else 'the value'} nor the name is certain. Look for a further effect of "
+                     "its kind, or widen `search_range` in a copy of the component file beside the diagram.")
     if open_ended:
         lines.append(f"{listing(open_ended)} ended at the end of the range; the records do not show how far beyond it may "
                      "be.")
@@ -133,7 +133,8 @@ def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> li
                         if n.name in trial.beyond)
         lines.append(f"The search for {called(candidate)}, "
                      f"{'one of these' if is_alternative else 'which is not excluded'}, stopped at the end of a range "
-                     f"({where}), beyond which its residual would be smaller: widen `search_range`.")
+                     f"({where}), beyond which its residual would be smaller: widen `search_range` in a copy of the "
+                     "component file beside the diagram.")
     return lines[:MENTIONED]
 
 
@@ -458,8 +459,8 @@ def lost_candidates(steps: Sequence[Stage]) -> list[str]:
 def broken_candidates(verdict: str, steps: Sequence[Stage]) -> list[str]:
     """Sentence on candidates that were not tried, if the answer is incomplete."""
     broken = steps[0].broken if verdict in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
-    return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. To see why, add one to the "
-            "diagram and run it."] if broken else []
+    return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. `heavebond try` with one "
+            "of them states the reason."] if broken else []
 
 
 def wrong_starts(verdict: str, last: Comparison) -> list[str]:

@@ -271,11 +271,12 @@ class Remainder:
             why = f"{number(100 * curve.covered, 2)} % of the held-out motion is inside the range of the fitted records" \
                 if curve.covered < DECISION.covered else "none predicts held-out data better than the model without it"
             return f"Whether a law of one or two variables at some place would explain the residual is not decided: {why}."
-        law = f"a {noun(place)} {place.place.words} over the {curve.variable.phrase}, {shape_words(curve)}"
+        law = f"a {noun(place)} {place.place.words} that follows the {curve.variable.phrase}, {shape_words(curve)}"
         if curve.r2 < INPUT_ESTIMATION.explains:
             return "No law of one or two variables at any place explains most of the residual: the best is " \
                    f"{law}, with {percent} % of it on held-out data."
-        return f"Most of the residual is {law} ({percent} % of it on held-out data)."
+        return f"With the parameters at their values, {law}, would explain most of the residual ({percent} % of it on " \
+            "held-out data)."
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""

@@ -300,7 +300,7 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     excluded |= dict.fromkeys(refits.postponed, "another effect explains most of the misfit of this step")
     trials = [t for label, t in refits.trials.items() if label not in excluded]
     why = "it leaves more than noise, and effects were added before" if later else \
-        "laws with constant parameters leave hardly more"
+        f"a law with constant parameters leaves less than {DECISION.times:g} times as much above the noise"
     excluded |= {t.candidate.label: why for t in dispensable_variations(trials, later)}
     trials = [t for t in trials if t.candidate.label not in excluded]
     stage = _judged(base, errors, tests, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
