@@ -363,8 +363,9 @@ def left() -> Remainder:
 
 def test_what_is_left_is_told_by_its_law_where_that_is_decided() -> None:
     said = left()
-    assert said.decided and said.words == "With the parameters at their values, a force at crown that follows the crown.v, " \
-        "as a step at zero, and changes with the oil.p, would explain most of the residual (80 % of it on held-out data)."
+    assert said.decided and said.words == "With the parameters at their values, a force at crown that follows the " \
+        "crown.v, as a step at zero, and changes with the oil.p, would explain most of the residual (80 % of it on " \
+        "held-out data)."
     assert said.place is not None and said.place.curve is not None
     changes: list[tuple[dict[str, Any], str]] = [
         ({"covered": 0.5}, "is not decided: 50 % of the held-out motion"),

@@ -218,7 +218,8 @@ NOT_A_GENERALISATION = {
         "ShaftSlip < RotationalDamper; RotationalDamper < ShaftSlip; * < ShaftSlip; VariableMotor < VariablePump; "
         "VariablePump < VariableMotor; Atmosphere < PneumaticSource; BilinearSpring < Harden*; "
         "PolynomialMotion < SCurveMotion; SCurveMotion < PolynomialMotion; SensorGain < SidedGain; "
-        "SidedGain < SensorGain; BypassValve < FlowControlValve; FlowControlValve < BypassValve; * < ShaftCompliance; "
+        "SidedGain < SensorGain; CurvedGain < Saturation; Saturation < CurvedGain; "
+        "BypassValve < FlowControlValve; FlowControlValve < BypassValve; * < ShaftCompliance; "
         "* < SeriesCompliance; PowerControlledPump < HydraulicPump",
     "other physics: no values of its parameters give the simpler law":
         "MotionSequence < PolynomialSequence; Diode < *; AnnularGap < *; Bend < *; CheckValve < *; DynamicLineSegment < *; "
@@ -239,7 +240,7 @@ NOT_A_GENERALISATION = {
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
         "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup; ScrewJoint < SpatialRevoluteJoint; "
         "SpatialBody < SpatialPointMass; RollingDisc < RollingSphere; SpherePlaneContact < RollingSphere; ElasticGap < *; "
-        "ElasticBacklash < *; SpatialLink < SpatialRod; "
+        "ElasticBacklash < *; SpatialLink < SpatialRod; SpatialStrutMass < SpatialRod; "
         "*SpringDamper* < Elastic*",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch; LockingOneWayClutch < Clutch; LockingBrake < PressedFriction; "

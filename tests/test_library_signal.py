@@ -158,6 +158,7 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
     ("VariationByDirection", {"u": "0 V", "k": 0.3, "u_m": "5 V"}, {"u": U}, 1 + 0.3*np.tanh(U/0.1)),
     ("SensorOffset", {"u": "0 V", "offset": "0.3 V"}, {"u": U}, U + 0.3),
     ("SensorDrift", {"u": "0 V", "r": "0.3 V/s"}, {"u": 2.0, "time": TIME}, 2 + 0.3*TIME),
+    ("CurvedGain", {"u": "0 V", "k": 0.4, "u_m": "2 V"}, {"u": U}, 0.6*U + 0.2*U*np.abs(U)),
     ("SidedGain", {"u": "0 V", "e": 0.1}, {"u": U}, np.where(U > 0, U, 1.1*U)),
     ("Saturation", {"u": "0 V", "u_min": "-1 V", "u_max": "2 V"}, {"u": U}, np.clip(U, -1, 2)),
     ("HeaveController", {"K_p": "0.5 1/m", "K_v": "0.2 s/m"}, {"z": U, "v": W}, np.clip(-0.5*U - 0.2*W, -1, 1)),
