@@ -97,8 +97,9 @@ no effect of class 'dry fricton' fits in this diagram [class-unknown]
 """),
     (("diagnose", "receiver_rig/choked", "--only", "dry friction"), """\
 no effect of class 'dry friction' fits in this diagram [class-unknown]
-  Classes: choked flow, dead band, delay, gain by direction, heat exchange, lag, leakage, line resistance, polytropic \
-exponent, rate limit, saturation, sensor drift, sensor gain, sensor offset, unknown law, value of a parameter.
+  Classes: choked flow, dead band, delay, gain by direction, heat exchange, lag, leakage, line resistance, nonlinear \
+characteristic, polytropic exponent, rate limit, saturation, sensor drift, sensor gain, sensor offset, unknown law, \
+value of a parameter.
 """),
     (("diagnose", "passive_rig/friction", "--only", "dry"), """\
 no effect of class 'dry' fits in this diagram [class-unknown]
