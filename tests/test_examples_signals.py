@@ -202,6 +202,7 @@ CASES = [
     Case("sensor_gain", "part.y", lambda t: 1.05*u(t), LAW),
     Case("sensor_offset", "part.y", lambda t: u(t) + 0.3, LAW),
     Case("sensor_drift", "part.y", lambda t: u(t) + 0.4*t, LAW),
+    Case("curved_gain", "part.y", lambda t: u(t)*np.abs(u(t))/2, LAW),
     Case("sided_gain", "part.y", lambda t: np.abs(u(t)), LAW),
     Case("sum", "part.y", lambda t: 3 - u(t), LAW),
     Case("product", "part.y", lambda t: 3*u(t), LAW),

@@ -73,10 +73,10 @@ def test_a_file_of_hundreds_of_thousands_of_keys_is_refused(monkeypatch: pytest.
 
 def test_an_fmu_with_sixty_thousand_parameters_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     variable: dict[str, Any] = {"causality": "parameter", "type": "Real", "dimensions": []}
-    told = SimpleNamespace(fmiVersion="3.0", coSimulation=object(), unitDefinitions=[],
+    told = SimpleNamespace(fmiVersion="3.0", coSimulation=SimpleNamespace(hasEventMode=False), unitDefinitions=[],
                            modelVariables=[SimpleNamespace(name=f"p{k}", **variable) for k in range(60_000)])
     monkeypatch.setattr(fmu_description, "_read", lambda path: told)
-    monkeypatch.setattr(fmu_description, "_variable", lambda *given: pytest.fail("variables are read"))
+    monkeypatch.setattr(fmu_description, "_variables", lambda *given: pytest.fail("variables are read"))
     with pytest.raises(ModelError, match="60000 inputs, outputs and parameters; up to 5000 are read"):
         fmu_description.described(tmp_path / "large.fmu")
 

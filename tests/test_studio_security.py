@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
-from heavebond.core.writable import confined, make_folder, new_file, write_text
+from heavebond.core.writable import confined, free_path, make_folder, new_file, write_text
 from heavebond.studio import tab as tabs
 from heavebond.studio.folder import MARKER, STALE, Folder, _mark, version
 from heavebond.studio.page_safety import Guard
@@ -84,11 +84,9 @@ def test_an_upload_beside_a_document_that_does_not_exist_makes_no_folders(folder
 
 def test_results_of_long_computations_do_not_take_a_dangling_link_for_a_free_name(folder: Folder) -> None:
     """`fit`, `tune`, `try` and `diagnose` count a name up until it is free."""
-    from heavebond.studio.long_tasks import _free_path
-
     link = folder.root / "car_fitted.yaml"
     link.symlink_to(folder.root.parent / "outside" / "car.yaml")
-    assert _free_path(link).name == "car_fitted_2.yaml"
+    assert free_path(link).name == "car_fitted_2.yaml"
     with pytest.raises(FileExistsError):
         write_text(link, "model: a\n", exclusive=True)
     assert _outside(folder) == []

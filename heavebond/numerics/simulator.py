@@ -388,8 +388,11 @@ class Simulator:
             if again is None or not (sizes := self._sizes_before(error)):
                 raise
             self._take_sizes({**self.assembly.sizes, **sizes})
-            assembly, first, start_tangent = again()
-            found = self._integrate(assembly, first, start_tangent)
+            try:
+                assembly, first, start_tangent = again()
+                found = self._integrate(assembly, first, start_tangent)
+            except HeavebondError:  # the sizes were not the cause
+                raise error from None
         remarks: dict[str, object] = {}
         if again is None:
             return assembly, first, start_tangent, found, remarks

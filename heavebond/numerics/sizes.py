@@ -63,7 +63,7 @@ class SizeConstants:
         the unknown is then an error of 1e-3 of the rate, and all machines of the library are below it. Doubled: runs of tiny
         bodies are slower.
     before_failure: share of the time up to a failure that shows the sizes of algebraic unknowns. Origin: the run up to there
-        has to succeed. Halved: the same sizes, unless a motion begins just before the failure.
+        has to succeed. Doubled: the run fails as before.
     """
 
     small: float = 1e-4
@@ -78,8 +78,8 @@ class SizeConstants:
     points: int = 16
     dense: int = 40
     least_stops: int = 100
-    before_failure: float = 0.99
     steep: float = 1e7
+    before_failure: float = 0.99
 
 
 SIZES = SizeConstants()

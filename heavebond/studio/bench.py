@@ -17,7 +17,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, Problems, RunWarning, UsageError
 from heavebond.core.presentation import readable_units
-from heavebond.core.writable import confined
+from heavebond.core.writable import confined, new_file
 from heavebond.equations.connect import connect_as_far
 from heavebond.equations.expand import expand_as_far
 from heavebond.equations.expanded import Expanded
@@ -240,7 +240,8 @@ def imported(name: str, content: str, root: str) -> Entry:
                                   "Rename it, or rename the file that you import.")])
     with tempfile.TemporaryDirectory(prefix="heavebond-") as scratch:
         file = Path(scratch) / f"{stem}{Path(name).suffix.lower()}"
-        file.write_bytes(b64decode(content))
+        with new_file(file) as fresh:
+            fresh.write_bytes(b64decode(content))
         with confined(Path(root)):
             model = import_model(file, folder)
     name = model.path.resolve().relative_to(Path(root).resolve()).as_posix()
