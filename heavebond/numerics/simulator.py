@@ -387,11 +387,14 @@ class Simulator:
         except SimulationError as error:
             if again is None or not (sizes := self._sizes_before(error)):
                 raise
-            self._take_sizes({**self.assembly.sizes, **sizes})
+            before, switching, unexplained = self.assembly.sizes, self.switching, self._unexplained
+            self._take_sizes({**before, **sizes})
             try:
                 assembly, first, start_tangent = again()
                 found = self._integrate(assembly, first, start_tangent)
             except HeavebondError:  # the sizes were not the cause
+                self._take_sizes(before)
+                self.switching, self._unexplained = switching, unexplained
                 raise error from None
         remarks: dict[str, object] = {}
         if again is None:
