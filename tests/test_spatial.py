@@ -300,8 +300,9 @@ def test_a_bennett_linkage() -> None:
     assert run["slide"] == pytest.approx(0, abs=1e-8)
 
 
+# one with every run; the other five take two minutes
 @pytest.mark.long
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
 def test_accelerations_of_a_closed_mechanism_by_pinocchio(number: int) -> None:
     """At the start, where the dependent joints follow from the independent ones; rounding of some thousand operations. The
     closures of MuJoCo are stiff: it agrees to 2e-3 of the largest acceleration."""
