@@ -122,8 +122,7 @@ class Model:
         """The text of a value of a parameter in SI: in the unit that the diagram writes for it, or in `unit`."""
         value = self._value_in_diagram(path)
         in_diagram = value.expr.unit if isinstance(value, Value) and isinstance(value.expr, Number) else None
-        fitting = in_diagram is not None and in_diagram.dimension == unit.dimension
-        return (in_diagram if in_diagram is not None and fitting else unit).written(number)
+        return (in_diagram if in_diagram is not None and in_diagram.dimension == unit.dimension else unit).written(number)
 
     def _value_in_diagram(self, path: str) -> Value | FileInput | None:
         """The value that the diagram gives to a parameter of one of its parts."""

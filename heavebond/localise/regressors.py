@@ -32,6 +32,11 @@ def smooth_rate(values: Array, time: Array) -> Array:
     return _rate_of_cubics(values, width) / step if width > 3 else rate
 
 
+def integral(values: Array, time: Array) -> Array:
+    """The integral (N,) of a signal from its first sample, by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(time))])
+
+
 def _rate_of_cubics(values: Array, width: int) -> Array:
     """The derivative (N,), per sample, of the cubics fitted to `width` samples about each; near the ends of the first and
     the last of these cubics."""
@@ -81,7 +86,7 @@ class Regressors:
             else:
                 parts = []
                 for v, t in zip(self._parts(values), self.times, strict=True):
-                    x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
+                    x = integral(v, t)
                     parts.append(x - x.mean())
                 place, its = np.concatenate(parts), f"∫ {formula}"
             variables.append(self._variable("position" if of_place else "place", f"position {its}", its,

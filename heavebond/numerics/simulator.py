@@ -377,7 +377,7 @@ class Simulator:
         its steps miss."""
         if self._limit_steps(first.p, first.x):
             self._renew()
-        if is_outside(assembly, self._columns(assembly, first, self.stops[:1], first.x[:, None], first.z[:, None])):
+        if is_outside(assembly, self._columns(first, self.stops[:1], first.x[:, None], first.z[:, None])):
             return assembly, first, start_tangent, self._start_only(first, start_tangent), {}
         if again is not None and (sizes := self._steep_sizes(assembly, first)):
             self._take_sizes({**self.assembly.sizes, **sizes})
@@ -422,10 +422,9 @@ class Simulator:
             assembly, first, start_tangent = restarted
         if hidden:
             remarks["rounded"] = hidden
-        outside = not found.stays and is_outside(assembly, self._columns(
-            assembly, first, self.stops if found.ended is None else found.ended, found.x, found.z, found))
         # stops at the passages of one run are not those of the next run of a search
-        if self.looks_between and self.dense and not outside:
+        if self.looks_between and self.dense and (found.stays or not is_outside(assembly, self._columns(
+                first, self.stops if found.ended is None else found.ended, found.x, found.z, found))):
             for repeats_left in reversed(range(NARROW.passes)):
                 unresolved = self._stepped_over(assembly, first, found)
                 if not len(unresolved):
@@ -569,7 +568,7 @@ class Simulator:
             dense_sizes = dense.run().assembly.sizes
             return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
         chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
-        columns = tuple(of[:, chosen] for of in self._columns(assembly, first, stops, trace.x, trace.z, trace))
+        columns = tuple(of[:, chosen] for of in self._columns(first, stops, trace.x, trace.z, trace))
         steps = trace.statistics.get("nsteps", len(stops))
         assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
@@ -706,8 +705,7 @@ class Simulator:
         return Trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), first.p[held][:, None],
                      np.zeros((len(self.sensitivities), len(held), 1)), (), {}, ended=self.stops[:1])
 
-    def _columns(self, assembly: Assembly, first: Start, times: Array, x: Array, z: Array, trace: Trace | None = None
-                 ) -> tuple[Array, ...]:
+    def _columns(self, first: Start, times: Array, x: Array, z: Array, trace: Trace | None = None) -> tuple[Array, ...]:
         """The arguments (., N) of the equations at points of a run, or of its start."""
         n = len(times)
         p = np.tile(first.p[:, None], (1, n))

@@ -27,12 +27,12 @@ from heavebond.language.edits import Change
 from heavebond.text.expression import names
 
 VALUE = "value of a parameter"
+WIDE = 10.0  # largest factor, up or down, on the value in the diagram
 
 
 def classes_of(experiment: Experiment) -> list[str]:
     """The classes of the effects that fit in the diagram of an experiment, with the class of fixed values, by name."""
     return sorted({VALUE, *(candidate.kind for candidate in single_candidates(experiment))})
-WIDE = 10.0  # largest factor, up or down, on the value in the diagram
 
 
 def fixed_values(experiment: Experiment) -> list[Candidate]:

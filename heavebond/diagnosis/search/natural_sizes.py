@@ -29,6 +29,7 @@ from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.equations.places import Node, nodes_of
 from heavebond.language.definition import SearchRange
+from heavebond.localise.regressors import integral
 
 SMALL, LARGE = 0.01, 100.0  # factors of the ratios and spans, see the module
 TIME = unit("s").dimension
@@ -55,7 +56,7 @@ def with_natural_ranges(base: Base, candidates: Sequence[Candidate]) -> list[Can
     sizes = _sizes(base)
     extended = []
     for candidate in candidates:
-        at_place = [size for name in _places(candidate) for size in sizes.get(name, ())]
+        at_place = [size for name in (*candidate.where, *candidate.change.nodes) for size in sizes.get(name, ())]
         numbers = tuple(n if n.sought is None else replace(n, sought=_extended(
             n, natural_range(n.unit.dimension, at_place, interval, duration))) for n in candidate.numbers)
         extended.append(candidate if numbers == candidate.numbers else replace(candidate, numbers=numbers))
@@ -95,11 +96,6 @@ def _extended(number: EffectNumber, natural: tuple[float, float] | None) -> Sear
     return sought if (low, high) == (given.low, given.high) else replace(sought, range=Range(low, high, given.unit))
 
 
-def _places(candidate: Candidate) -> tuple[str, ...]:
-    """The nodes and parts at which a candidate acts."""
-    return *candidate.where, *candidate.change.nodes
-
-
 def _sizes(base: Base) -> dict[str, list[Sizes]]:
     """The natural sizes at each node, and at the nodes of each part, of the base model on the fitted records."""
     runs = [base.exact[run.record.name] for run in base.problem.runs]
@@ -118,9 +114,9 @@ def _of_node(node: Node, courses: Sequence[Mapping[str, np.ndarray]], times_of: 
     through = [course[f"{port}.{node.through}"] for course in courses for port in node.ports
                if f"{port}.{node.through}" in course]
     # integrated from speeds: a diagram has positions only if an equation uses them
-    moved = [np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
-             for v, t in zip(across, times_of, strict=True)] if domain.position is not None else []
-    return Sizes(max((float(np.ptp(v)) for v in across), default=0.0), max((float(np.ptp(x)) for x in moved), default=0.0),
+    positions = [integral(v, t) for v, t in zip(across, times_of, strict=True)] if domain.position is not None else []
+    return Sizes(max((float(np.ptp(v)) for v in across), default=0.0),
+                 max((float(np.ptp(x)) for x in positions), default=0.0),
                  max((float(np.abs(y).max()) for y in through), default=0.0), members[node.across].unit.dimension,
                  members[domain.position].unit.dimension if domain.position is not None else None,
                  members[node.through].unit.dimension)

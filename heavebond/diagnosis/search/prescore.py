@@ -42,7 +42,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension, parse_quantity
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.schedule import AT_LEAST, PROMISING, REFITS
+from heavebond.diagnosis.search.schedule import AT_LEAST, PROMISING, REFITS, family, largest_gains
 from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
@@ -102,10 +102,7 @@ class Prescored:
     @property
     def gains(self) -> dict[str, float]:
         """The largest prescored gain of each candidate."""
-        largest: dict[str, float] = {}
-        for p in self.scores:
-            largest[p.candidate.label] = max(p.gain, largest.get(p.candidate.label, 0.0))
-        return largest
+        return largest_gains(self.scores, lambda candidate: candidate.label)
 
 
 def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
@@ -139,16 +136,14 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
         return Prescored(tuple(near), left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
     scores = [p for p in scores if p.share > SAME]
     least = max(VISIBLE, PROMISING * max((p.gain for p in scores), default=0.0))
-    families: dict[object, float] = {}
-    for p in scores:
-        families[_family(p.candidate)] = max(p.gain, families.get(_family(p.candidate), 0.0))
+    families = largest_gains(scores, family)
 
     def ranked(among: Sequence[Candidate]) -> list[Candidate]:
-        return sorted(among, key=lambda c: -families.get(_family(c), 0.0))
+        return sorted(among, key=lambda c: -families.get(family(c), 0.0))
 
-    hopeful = [c for c in ranked(distant) if families.get(_family(c), 0.0) >= least][:EXACT]
-    first = {c.label for c in ranked([c for c in static if _family(c) in families])[:REFITS]}
-    postponed = [c for c in static if families.get(_family(c), least) < least and c.label not in first]
+    hopeful = [c for c in ranked(distant) if families.get(family(c), 0.0) >= least][:EXACT]
+    first = {c.label for c in ranked([c for c in static if family(c) in families])[:REFITS]}
+    postponed = [c for c in static if families.get(family(c), least) < least and c.label not in first]
     selected = {c.label for c in hopeful}
     known, unknown = {p.candidate.label for p in scores}, {c.label for c in without}
     left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
@@ -168,22 +163,15 @@ def select_variations(base: Base, variations: Sequence[Candidate]) -> Prescored:
         scores, without = prescores(base, variations)
     except (HeavebondError, np.linalg.LinAlgError):
         scores, without = [], list(variations)
-    prescored, of_part = Prescored(scores=tuple(scores)), dict[object, float]()
+    prescored, of_part = Prescored(scores=tuple(scores)), largest_gains(scores, family)
     gains = prescored.gains
-    for p in scores:
-        of_part[_family(p.candidate)] = max(p.gain, of_part.get(_family(p.candidate), 0.0))
     largest = max(gains.values(), default=0.0)
     promising = sorted((c for c in variations if gains.get(c.label, 0.0) >= AT_LEAST * largest > 0
-                        and of_part[_family(c)] >= PROMISING * largest), key=lambda c: -gains[c.label])
+                        and of_part[family(c)] >= PROMISING * largest), key=lambda c: -gains[c.label])
     labels = {c.label for c in (*promising[:VARIATIONS], *without[:VARIATIONS])}
     selected = [c for c in variations if c.label in labels]
     return replace(prescored, selected=tuple(selected),
                    left_out={c.label: SMALL for c in variations if c.label not in labels})
-
-
-def _family(candidate: Candidate) -> tuple[str, frozenset[str]]:
-    """Class and place of a candidate."""
-    return candidate.kind, frozenset(candidate.where)
 
 
 def _machine(candidate: Candidate, as_one: Mapping[str, str]) -> tuple[str, frozenset[str]]:

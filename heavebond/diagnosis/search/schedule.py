@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -37,6 +38,19 @@ ALIKE = 1e-3  # and their gains and shapes agree to this share,
 JOINED = 0.02  # or to this share for the same law at nodes that move together
 
 Job = tuple[Candidate, list[Score]]  # a candidate that will be refitted, with its scores
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Scored(Protocol):
+    """A score or a prescore."""
+
+    @property
+    def candidate(self) -> Candidate:
+        """What is scored."""
+
+    @property
+    def gain(self) -> float:
+        """The reduction of chi-square to first order."""
 
 
 @dataclass
@@ -150,11 +164,9 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str], needed: float = 
     therefore sorted by the largest gain of any of them. The third result maps the label of a candidate to the labels of
     candidates that are equivalent to it; these are not refitted.
     """
-    families: dict[object, float] = {}
-    for score in scores:
-        families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
+    families = largest_gains(scores, family)
     by_label: dict[str, list[Score]] = {}
-    for score in sorted(scores, key=lambda s: (-families[_family(s)], -s.gain)):
+    for score in sorted(scores, key=lambda s: (-families[family(s.candidate)], -s.gain)):
         if score.told_apart:
             by_label.setdefault(score.candidate.label, []).append(score)
     place = {label: k for k, label in enumerate(dict.fromkeys(s.candidate.label for s in scores))}
@@ -174,7 +186,8 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str], needed: float = 
     leading: list[Job] = []
     remaining: list[Job] = []
     for k, group in enumerate(distinct):
-        promising = families[_family(group[0])] >= max(PROMISING * largest, needed) and group[0].gain >= AT_LEAST * largest
+        promising = families[family(group[0].candidate)] >= max(PROMISING * largest, needed) \
+            and group[0].gain >= AT_LEAST * largest
         (leading if k < (FIRST if needed else REFITS) or promising else remaining).append((group[0].candidate, group))
     return _in_turn(leading), _in_turn(remaining), twins
 
@@ -191,9 +204,17 @@ def _in_turn(jobs: Sequence[Job]) -> list[Job]:
     return [job for _, job in sorted(zip(turns, jobs, strict=True), key=lambda pair: pair[0])]
 
 
-def _family(score: Score) -> tuple[str, frozenset[str]]:
-    """Class and place of the candidate."""
-    return score.candidate.kind, frozenset(score.candidate.where)
+def family(candidate: Candidate) -> tuple[str, frozenset[str]]:
+    """Class and place of a candidate."""
+    return candidate.kind, frozenset(candidate.where)
+
+
+def largest_gains(scores: Iterable[Scored], key: Callable[[Candidate], Key]) -> dict[Key, float]:
+    """The largest gain of all scores, or prescores, of the candidates with the same key."""
+    largest: dict[Key, float] = {}
+    for score in scores:
+        largest[key(score.candidate)] = max(score.gain, largest.get(key(score.candidate), 0.0))
+    return largest
 
 
 def _same(first: Sequence[Score], second: Sequence[Score], as_one: Mapping[str, str]) -> bool:
@@ -242,9 +263,6 @@ def beyond_their_members(scores: Sequence[Score], gains: Mapping[str, float]) ->
     the largest, as long as the tangent is accurate. If the effect acts at only one of two places with different directions,
     the joint score equals the average of the members.
     """
-    best: dict[str, float] = {}
-    for score in scores:
-        best[score.candidate.label] = max(score.gain, best.get(score.candidate.label, 0.0))
-    best = {**gains, **best}
+    best = {**gains, **largest_gains(scores, lambda candidate: candidate.label)}
     return [s for s in scores if not s.candidate.members or best[s.candidate.label] >=
             sum(best.get(member, 0.0) for member in s.candidate.members) / len(s.candidate.members)]

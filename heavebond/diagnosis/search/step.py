@@ -54,6 +54,7 @@ from heavebond.equations.places import nodes_of
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.residuals import Residuals
 from heavebond.language.library import same_class
+from heavebond.localise.regressors import integral
 from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe
 
@@ -231,10 +232,11 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     fitted = base.problem.values_of(base.inner, first.record.name)
     excluded = {} if always else {c.label: reason for c in (*proposed, *distant)
                                   if (reason := _meaningless(c, base, courses))}
-    proposed = with_natural_ranges(base, [at_values(c, first.assembly, fitted) for c in proposed if c.label not in excluded])
+    near = [at_values(c, first.assembly, fitted) for c in proposed if c.label not in excluded]
+    ranged = with_natural_ranges(base, [*near, *(c for c in distant if c.label not in excluded)])
     if distant:
         say("scoring effects between all nodes to first order")
-    prescored = select(base, proposed, with_natural_ranges(base, [c for c in distant if c.label not in excluded]), as_one)
+    prescored = select(base, ranged[:len(near)], ranged[len(near):], as_one)
     proposed, scores, remaining = list(prescored.selected), list[Score](), list[Job]()
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
@@ -245,7 +247,9 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
 
         refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {},
                                whole=base.cost if later else 0.0)
+
         def others() -> list[Job]:
+            # the candidates that are refitted if no leading one explains the residual: those postponed get a score first
             nonlocal proposed, scores, remaining, twins
             if prescored.postponed:
                 of_postponed: list[Score] = []
@@ -491,7 +495,7 @@ def _displacements(candidate: Candidate, base: Base) -> list[Array]:
         speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
         if speeds:
             speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0)
-            displacements.append(np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(result.time))]))
+            displacements.append(integral(speed, result.time))
     return displacements
 
 
@@ -618,8 +622,8 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     refines the other one if one of its amplitudes is not supported by the records. For example, play whose gap is closed in
     the fit is the compliance that acts together with it, even with more shape parameters. A law of another class with
     supported amplitudes is a different explanation, even with more numbers, and a law with supported amplitudes refines none
-    with an unsupported one. The threshold is not raised for inexact laws,
-    because a more flexible law always fits an inexact law better.
+    with an unsupported one. The threshold is not raised for inexact laws, because a more flexible law always fits an inexact
+    law better.
     """
     more = trial.unknowns > simpler.unknowns
     related = same_class(trial.candidate.kind, simpler.candidate.kind)
@@ -628,8 +632,7 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
         # friction with presliding)
         effects = trial.experiment.model.library.component(trial.candidate.component).effects
         related = any(simpler.candidate.component in effect.replaces for effect in effects)
-    refines = (more and related and (bool(trial.unshown) or not simpler.unshown)) or \
-        (bool(trial.unshown) and (more or not simpler.unshown))
+    refines = (more and bool(trial.unshown)) or (not simpler.unshown and (bool(trial.unshown) or (more and related)))
     return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
 
 
