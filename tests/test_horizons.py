@@ -153,6 +153,33 @@ def test_records_without_drift_are_compared_whole(tmp_path: Path) -> None:
     assert with_horizons(plain, {}) is plain
 
 
+@pytest.mark.parametrize("stiffness", [1000.0, 0.0])
+def test_an_oscillator_without_damping_is_compared_whole(tmp_path: Path, stiffness: float) -> None:
+    """A load on a spring, of which the diagram lacks the damping. Its error does not decay but adds up nothing, and within a
+    period the damping hardly shows. Without the spring the same load integrates the lost force."""
+    (tmp_path / "vessel.yaml").write_text(f"""
+model: load
+components:
+  drive: {{is: ForceSource, u: 0 N}}
+  frame: {{is: Fixed}}
+  spring: {{is: Spring, c: {stiffness} N/m}}
+  load: {{is: Mass, m: 10 kg}}
+nodes: {{load: [drive.a, spring.b, load.a], frame: [frame.a, spring.a]}}
+initial: {{load.x: {stiffness / 2e4} m, load.v: 0 m/s}}
+""")
+    (tmp_path / "vessel_records.yaml").write_text(EXPERIMENT.replace(
+        "pump.u: {column: q, unit: L/min", "drive.u: {column: F, unit: N").replace("tank.h, column: h", "load.x, column: x"))
+    t = np.linspace(0, 20, 2001)
+    drive = 100 * np.sin(t) * (not stiffness)
+    # the amplitude decays with a damping of 1 N*s/m; without the spring a force of 0.4 N is lost
+    x = 0.05 * np.exp(-t / 20) * np.cos(10 * t) if stiffness else 10 * t - 10 * np.sin(t) - 0.02 * t**2
+    for name, seed in (("one", 1), ("two", 2)):
+        noisy = x + NOISE * np.random.default_rng(seed).standard_normal(len(t))
+        np.savetxt(tmp_path / f"{name}.csv", np.column_stack([t, drive, noisy]), delimiter=",", header="t,F,x", comments="")
+    plain = with_noise(hb.load_experiment(tmp_path / "vessel_records.yaml"))
+    assert (with_horizons(plain, {}) is plain) is bool(stiffness)
+
+
 def test_records_of_a_machine_without_states_are_compared_whole(tmp_path: Path) -> None:
     """A damper between two measured motions has no state that carries an error."""
     (tmp_path / "vessel.yaml").write_text("""

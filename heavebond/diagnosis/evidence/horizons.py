@@ -6,8 +6,11 @@ the law or not. The drift is therefore not evidence for a law. With the linear s
 
     dx_(i+1) = phi_i dx_i,      dy_i = C_i dx_i,
 
-a direction of dx(0) is carried if its influence on the channels does not decay: the last third of the record has at least
-the share `CARRIED` of its energy. The record is cut into segments. The part of each residual along the carried directions at
+a direction of dx(0) is carried if its influence on the channels does not decay and does not swing about zero: the last third
+of the record has at least the share `CARRIED` of its energy, and a parabola over time has at least the share `TREND` of the
+energy there, unless the influence grows (share `GROWING`). An oscillator with little damping swings about zero. It adds up
+nothing, and its decay shows only over many periods, so that segments would hide the law that is missing. The record is cut
+into segments. The part of each residual along the carried directions at
 the beginning of each segment is removed, with the same part of all derivatives. This equals multiple shooting with free
 initial values of these directions in each segment (H. G. Bock, K. J. Plitt, 1984, doi:10.1016/S1474-6670(17)61205-9),
 eliminated to first order (variable projection: G. Golub, V. Pereyra, 1973, doi:10.1137/0710036).
@@ -34,11 +37,14 @@ from heavebond.estimation.records import correlation_time, measure
 from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
 from heavebond.numerics.dae import Array
 
+# TREND: a sine has less than half from half a period on. GROWING: a constant influence has 1/3, one that grows with the
+# square of time 0.87.
 # CARRIED: a constant has 1/3, an error that decays with 1.6 record lengths 0.2. PERIODS: a sine has a correlation time of a
 # fifth of its period. SEGMENTS: of all fitted records; fewer show hardly less drift. SAMPLES: of each channel in a segment,
 # for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
 # ABOVE_NOISE: variance of a change in noise variances; the noise of both readings is then a tenth of it.
 CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN, ABOVE_NOISE = 0.2, 5.0, 3, 20, 0.5, 1e-6, 20.0
+TREND, GROWING = 0.5, 0.95
 LARGE = 1e100  # beyond it a response is cut off: its square is still a number
 
 
@@ -103,10 +109,27 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
     basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
     observable = sizes > SEEN * sizes[0]
     last = basis[2 * len(flat) // 3:, observable]
-    _, shares, within = np.linalg.svd(last, full_matrices=False)
-    slow = within[shares**2 >= CARRIED].T
+    courses, shares, within = np.linalg.svd(last, full_matrices=False)
+    lasting = shares**2 >= CARRIED
+    slow = within[lasting].T / shares[lasting]  # of the unit influences `courses`
+    if slow.shape[1]:
+        slow = slow @ _trends(courses[:, lasting], model.time, model.c.shape[1], shares[lasting]**2 >= GROWING)
     carried = (directions[observable].T / sizes[observable]) @ slow / size[:, None]
     return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, carried)
+
+
+def _trends(courses: Array, time: Array, channels: int, growing: NDArray[np.bool_]) -> Array:
+    """Directions (k, d) of the orthonormal influences `courses` (j, k) on the channels at the last times, of which a
+    parabola in each channel has the share `TREND`, or the influences that are `growing`. `time` (N,) are the times (s) of
+    the record; the rows of `courses` are the channels at one time after the other."""
+    rows = np.arange(len(time) * channels - len(courses), len(time) * channels)
+    x = time[rows // channels] - time[-1]
+    x = x / max(-float(x[0]), 1e-300)
+    powers = np.stack([np.where(rows % channels == c, x**n, 0.0) for c in range(channels) for n in range(3)], axis=1)
+    basis, sizes, _ = np.linalg.svd(powers, full_matrices=False)
+    in_trend = basis[:, sizes > SEEN * sizes[0]].T @ courses
+    _, shares, directions = np.linalg.svd(np.concatenate([in_trend, np.diag(growing.astype(float))]), full_matrices=False)
+    return directions[shares**2 >= TREND].T
 
 
 def _length(along: _Along) -> float:
