@@ -56,6 +56,28 @@ def test_an_end_stop_is_no_candidate_for_a_shaft_that_turns_one_way(tmp_path: Pa
     assert not any(s.candidate.component == "RotationalEndStop" for s in stage.scores)
 
 
+def test_a_bent_characteristic_is_no_candidate_for_a_temperature_far_from_absolute_zero(tmp_path: Path) -> None:
+    """There it is a gain and an offset; on a heating power that begins at zero it is a bend."""
+    t = np.arange(0, 86400, 1800.0)
+    made = experiment(tmp_path, """
+model: room
+components:
+  weather: {is: TemperatureSource, u: 290 K}
+  walls: {is: ThermalResistance, R: 10 mK/W}
+  heater: {is: HeatSource, u: 0 W}
+  room: {is: HeatCapacity, m: 1000 kg, c: 1000 J/(kg*K)}
+nodes: {outside: [weather.a, walls.a], room: [walls.b, room.a, heater.a]}
+initial: {room.T: 290 K}
+""", {"t": t, "To": 15 + 5*np.sin(2*np.pi*t/86400), "Q": 1000*(t > 2e4), "T": 17 + 5*np.sin(2*np.pi*t/86400 + 0.3)},
+        "weather.u: {column: To, unit: degC, interpolation: linear}, heater.u: {column: Q, unit: W, interpolation: linear}",
+        "room.T: {column: T, unit: degC, noise: 0.1 degC}")
+    stage = make_stage(made, number=1, classes=("nonlinear characteristic",))
+    reasons = dict(stage.excluded)
+    assert reasons["CurvedGain before weather.u"] == reasons["CurvedGain in the channel room.T"] == \
+        "the signal stays far from zero, where this law is a gain and an offset"
+    assert stage.scores[0].candidate.label == "CurvedGain before heater.u"
+
+
 def test_an_overflow_is_a_candidate_at_open_tanks_only(tmp_path: Path) -> None:
     excluded: dict[str, str] = {}
     tanks = {c.where for c in candidates("cascaded_tanks/tanks", excluded) if c.component == "Overflow"}

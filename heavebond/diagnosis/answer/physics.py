@@ -9,7 +9,7 @@ import casadi as ca
 
 from heavebond.core.errors import listing
 from heavebond.core.presentation import number, readable_unit, unit_label
-from heavebond.core.units import Dimension, dimension_text, read_unit
+from heavebond.core.units import Dimension, dimension_text, is_generic, read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.estimation.fitting import Fitted
 from heavebond.language.definition import Component, Value
@@ -95,6 +95,9 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     keys = list(dict.fromkeys(name.text for name in names(expr)))
     units = {n.name.rpartition(".")[2]: n.unit for n in candidate.numbers}
     inserted = candidate.change.components.get(candidate.name)
+    for key in keys:  # a held parameter of a generic unit has its unit in the change to the diagram
+        if key not in units and is_generic(component.parameters[key].unit.dimension) and inserted is not None:
+            units[key] = read_unit(inserted.values[key].partition(" ")[2])
     parameter_values: dict[str, float] = {}
     for key in keys:  # the fitted value, the value in the change to the diagram, or the default
         value = values.get(f"{part}.{key}")

@@ -476,10 +476,17 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
         return "the motion there goes in one direction only"
     if candidate.curve_of_displacement and not retraced(_displacements(candidate, base)):
         return "the motion there passes most positions only once, so that a curve over the position is one over time"
+    if candidate.attaches in ("input", "channel") and any(n.sought is not None and n.sought.held == "peak"
+                                                          for n in candidate.numbers):
+        sizes = np.abs(np.concatenate(_signals(candidate, base)))
+        if sizes.min() > FAR_FROM_ZERO * sizes.max():
+            return "the signal stays far from zero, where this law is a gain and an offset"
     return ""
 
 
 ONE_WAY = 1.02  # ratio of path and distance up to which a motion has one direction
+# A signal above this share of its largest size sees a bent characteristic within 5 % of the range as a straight line.
+FAR_FROM_ZERO = 0.8
 POSITIONS = 50  # number of positions at which passes are counted
 
 
@@ -514,12 +521,13 @@ def _of_one_time(trial: Refit, base: Base) -> bool:
 
 
 def _signals(candidate: Candidate, base: Base) -> list[Array]:
-    """The simulated course (N,) of the channel of a candidate in each fitted record."""
-    output = base.problem.experiment.outputs[candidate.where[0]]
+    """The simulated course (N,) of the signal of a candidate, a channel or an input, in each fitted record."""
+    outputs = base.problem.experiment.outputs
+    signal = outputs[candidate.where[0]].shown.text if candidate.attaches == "channel" else candidate.signal
     courses = []
     for run in (base.exact[run.record.name] for run in base.problem.runs):
         result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
-        courses.append(Probe(run.assembly, [output.shown.text], si=True).values(result)[0])
+        courses.append(Probe(run.assembly, [signal], si=True).values(result)[0])
     return courses
 
 
