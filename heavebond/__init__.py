@@ -47,21 +47,12 @@ if TYPE_CHECKING:
     from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
-    from heavebond.linear.design import (
-        design_gains,
-        design_lead,
-        design_lqg,
-        design_lqr,
-        design_mpc,
-        design_notch,
-        design_schedule,
-        filter_coefficients,
-        lqg,
-    )
+    from heavebond.linear.design import design_gains, design_lead, design_notch, design_schedule, filter_coefficients
     from heavebond.linear.linear_system import StateSpace, state_space
     from heavebond.linear.linearisation import ModesAtStart
     from heavebond.linear.margins import loop_crossings, loop_margins
     from heavebond.linear.modes import Modes, modes
+    from heavebond.linear.optimal_design import design_lqg, design_lqr, design_mpc, lqg
     from heavebond.linear.root_locus import root_locus
     from heavebond.localise.misfit import Localization, localize
     from heavebond.monitoring.estimates import StateEstimate
@@ -95,8 +86,8 @@ __version__ = VERSION
 _EXPORTS = {
     "linear.linear_system": ("state_space", "StateSpace"),
     "linear.root_locus": ("root_locus",),
-    "linear.design": ("design_gains", "design_lead", "design_lqg", "design_lqr", "design_mpc", "design_notch",
-                      "design_schedule", "filter_coefficients", "lqg"),
+    "linear.design": ("design_gains", "design_lead", "design_notch", "design_schedule", "filter_coefficients"),
+    "linear.optimal_design": ("design_lqg", "design_lqr", "design_mpc", "lqg"),
     "linear.margins": ("loop_crossings", "loop_margins"),
     "energy_audit.simplification": ("simplify",),
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",

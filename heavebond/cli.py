@@ -147,7 +147,16 @@ class Commands(click.Group):
         try:
             answer = super().main(given, prog_name or "heavebond", standalone_mode=False)
         except click.UsageError as error:
-            raise UsageError([_usage_problem(error)]) from None
+            # convert a usage error of click to a problem with the usage of the command
+            message = error.format_message().rstrip(".")
+            hint = ""
+            if error.ctx is not None:
+                hint = f"{error.ctx.get_usage()}\n`{error.ctx.command_path} --help` describes all options."
+                if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Option) and error.param.help:
+                    hint = f"{error.param.opts[-1]} {error.param.make_metavar(error.ctx)}: {error.param.help}\n{hint}"
+                if "unexpected extra argument" in message:
+                    hint = "An option that takes several values is repeated: --plot WOB --plot crown.\n" + hint
+            raise UsageError([Problem("usage", message[:1].lower() + message[1:], None, hint)]) from None
         except click.ClickException as error:
             raise UsageError([Problem("usage", error.format_message())]) from None
         sys.stdout.flush()
@@ -214,19 +223,6 @@ def own_fault(error: Exception, given: Sequence[str]) -> Problem:
                        f"longer `every`), a shorter run, or fewer workers. {where}.")
     return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,
                    f"{where}. Report it with that file and the files of the command to who maintains heavebond for you.")
-
-
-def _usage_problem(error: click.UsageError) -> Problem:
-    """Convert a usage error of click to a problem with the usage of the command."""
-    message = error.format_message().rstrip(".")
-    hint = ""
-    if error.ctx is not None:
-        hint = f"{error.ctx.get_usage()}\n`{error.ctx.command_path} --help` describes all options."
-        if isinstance(error, click.MissingParameter) and isinstance(error.param, click.Option) and error.param.help:
-            hint = f"{error.param.opts[-1]} {error.param.make_metavar(error.ctx)}: {error.param.help}\n{hint}"
-        if "unexpected extra argument" in message:
-            hint = "An option that takes several values is repeated: --plot WOB --plot crown.\n" + hint
-    return Problem("usage", message[:1].lower() + message[1:], None, hint)
 
 
 def _end(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]) -> int:

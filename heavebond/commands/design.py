@@ -274,7 +274,7 @@ def _observer(diagram: Model, lqr: str | None, lqg: str | None, mpc: str | None,
     """The tables, the values and the figures of a state feedback, an LQG controller or a predictive controller."""
     from heavebond.core.presentation import count
     from heavebond.core.quantities import si_value
-    from heavebond.linear.design import ObserverController, StateFeedback, design_lqg, design_lqr, design_mpc
+    from heavebond.linear.optimal_design import ObserverController, StateFeedback, design_lqg, design_lqr, design_mpc
     from heavebond.linear.stability import UNSTABLE
     from heavebond.numerics.dae import assemble
     from heavebond.reports.analysis_tables import observer_items

@@ -26,7 +26,6 @@ from heavebond.commands.arguments import (
 from heavebond.core.errors import Problem, UsageError
 
 if TYPE_CHECKING:
-    from heavebond.numerics.simulator import Tolerances
     from heavebond.optimise.gradient_check import Subject, Verdict
     from heavebond.studies.study import Study
 
@@ -107,7 +106,20 @@ def _check(file: str, of: tuple[str, ...], parameters: tuple[str, ...], settings
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None,
                                   "Add --parameter crown.m,controller.K_p.")])
     with blamed_on_settings(settings), terminal.working("running") as progress:
-        subject = _subject(file, study, of, settings, until, tolerances, backwards)
+        from heavebond.language.model import load
+        from heavebond.optimise.gradient_check import costs_of, signals_of
+
+        if not of and study is None:
+            raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])
+        if backwards and (of or study is None):
+            raise UsageError([Problem("backwards-signal", "only the costs of a study have gradients by runs backwards", None,
+                                      "Leave --backwards out, or name a study without --of.")])
+        loaded = with_settings(study.model if study else load(file), settings)
+        assembly = assembled(loaded, "--of", formulas := read_signals("--of", of, loaded))
+        if study and not of:
+            subject = costs_of(assembly, study.tuning, tolerances=tolerances, backwards=backwards)
+        else:
+            subject = signals_of(assembly, list(formulas), until, tolerances=tolerances)
         verdicts = check_gradients(subject, sought, progress=progress)
     console = terminal.output()
     console.print(_check_table(subject, verdicts))
@@ -124,23 +136,6 @@ def _study(file: str) -> Study | None:
     from heavebond.text.yaml_source import read
 
     return load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
-
-
-def _subject(file: str, study: Study | None, of: tuple[str, ...], settings: tuple[str, ...], until: str | None,
-             tolerances: Tolerances | None, backwards: bool) -> Subject:
-    from heavebond.language.model import load
-    from heavebond.optimise.gradient_check import costs_of, signals_of
-
-    if not of and study is None:
-        raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])
-    if backwards and (of or study is None):
-        raise UsageError([Problem("backwards-signal", "only the costs of a study have gradients by runs backwards", None,
-                                  "Leave --backwards out, or name a study without --of.")])
-    loaded = with_settings(study.model if study else load(file), settings)
-    assembly = assembled(loaded, "--of", formulas := read_signals("--of", of, loaded))
-    if study and not of:
-        return costs_of(assembly, study.tuning, tolerances=tolerances, backwards=backwards)
-    return signals_of(assembly, list(formulas), until, tolerances=tolerances)
 
 
 def _check_table(subject: Subject, verdicts: list[Verdict]) -> object:

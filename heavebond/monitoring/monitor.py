@@ -229,7 +229,14 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
     # raises for mistakes in the experiment and in the options, which concern all records
     estimator = Estimator(experiment, walks=walks, record=record, start_deviation=share)
     template = estimator.record
-    _check_one_file(experiment, template)
+    # UsageError if channels of the experiment are in other files than the record
+    inputs = {**experiment.inputs, **template.inputs}
+    separate = [name for name, source in inputs.items() if source.file != Path()]
+    separate += [name for name in experiment.outputs if (template.origins.get(name, Origin()).file
+                                                         or experiment.outputs[name].origin.file) is not None]
+    if separate:
+        raise UsageError([Problem("monitor-files", f"{listing(separate)} of the experiment are in separate files, and each "
+                                  "record of a folder is one file", None, "Put all columns of a record into one file.")])
     task = _Task(replace(experiment, records={template.name: template}), dict(walks or {}), template.name, share, alarm_rate,
                  estimates, estimator.reference)
     say = progress or (lambda text: None)
@@ -293,17 +300,6 @@ def _files(records: str | Path | Sequence[str | Path]) -> list[Path]:
         raise UsageError([Problem("records-same", f"several records have one name: {listing(twice)}", None,
                                   "Give them different names, apart from folder and suffix.")])
     return files
-
-
-def _check_one_file(experiment: Experiment, record: Record) -> None:
-    """UsageError if channels of the experiment are in other files than the record."""
-    inputs = {**experiment.inputs, **record.inputs}
-    separate = [name for name, source in inputs.items() if source.file != Path()]
-    separate += [name for name in experiment.outputs
-              if (record.origins.get(name, Origin()).file or experiment.outputs[name].origin.file) is not None]
-    if separate:
-        raise UsageError([Problem("monitor-files", f"{listing(separate)} of the experiment are in separate files, and each "
-                                  "record of a folder is one file", None, "Put all columns of a record into one file.")])
 
 
 def _of_file(template: Record, file: Path) -> Record:

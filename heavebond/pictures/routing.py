@@ -234,12 +234,8 @@ def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:
                 ahead = next(p for p in around[line[-1]] if p != line[-2])
                 used |= {(line[-1], ahead), (ahead, line[-1])}
                 line.append(ahead)
-            yield tuple(_corners(line))
-
-
-def _corners(line: list[Point]) -> list[Point]:
-    corners = [line[0]]
-    for before, point, after in zip(line, line[1:], line[2:], strict=False):
-        if not (before[0] == point[0] == after[0] or before[1] == point[1] == after[1]):
-            corners.append(point)
-    return [*corners, line[-1]]
+            corners = [line[0]]
+            for before, point, after in zip(line, line[1:], line[2:], strict=False):
+                if not (before[0] == point[0] == after[0] or before[1] == point[1] == after[1]):
+                    corners.append(point)
+            yield (*corners, line[-1])

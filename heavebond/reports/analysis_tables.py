@@ -11,10 +11,11 @@ from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
 from heavebond.language.model import Model
-from heavebond.linear.design import LoopDesign, ObserverController, ScheduleDesign, StateFeedback
+from heavebond.linear.design import LoopDesign, ScheduleDesign
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
 from heavebond.linear.margins import Crossings, Margin
 from heavebond.linear.modes import Modes
+from heavebond.linear.optimal_design import ObserverController, StateFeedback
 from heavebond.linear.sampled import sampled_words
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.optimise.costs import read_cost
