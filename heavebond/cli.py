@@ -81,8 +81,8 @@ class Commands(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in self.commands:
-            other = OTHER_NAMES.get(args[0].lower())
-            hint = f"Did you mean '{other}'?" if other else suggest(args[0], self.commands)
+            intended = OTHER_NAMES.get(args[0].lower())
+            hint = f"Did you mean '{intended}'?" if intended else suggest(args[0], self.commands)
             raise UsageError([Problem("command-unknown", f"there is no command '{args[0]}'", None,
                                       hint or f"Commands: {', '.join(self.commands)}.")])
         return super().resolve_command(ctx, args)
@@ -143,9 +143,9 @@ class Commands(click.Group):
             code = _end([], command, OWN_FAULT, [own_fault(error, given)], {})
         sys.exit(code)
 
-    def _run(self, given: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:
+    def _run(self, arguments: list[str], prog_name: str | None) -> tuple[int, dict[str, object]]:
         try:
-            answer = super().main(given, prog_name or "heavebond", standalone_mode=False)
+            answer = super().main(arguments, prog_name or "heavebond", standalone_mode=False)
         except click.UsageError as error:
             # convert a usage error of click to a problem with the usage of the command
             message = error.format_message().rstrip(".")
@@ -170,11 +170,11 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
     """Report the verdicts of the runs of a command: a warning for each exceeded range, a problem for each failed run."""
     from heavebond.numerics.run_verdict import verdict_of_all, verdicts_as_dict
 
-    for name, found in dict(heard).items():
-        if found.failed:
-            problems = [*problems, found.problem]
-        elif found.findings:
-            warn(f"warning: {found.text}" if len(heard) == 1 else f"warning: {name}: {found.text}")
+    for name, verdict in dict(heard).items():
+        if verdict.failed:
+            problems = [*problems, verdict.problem]
+        elif verdict.findings:
+            warn(f"warning: {verdict.text}" if len(heard) == 1 else f"warning: {name}: {verdict.text}")
     figures = {**figures, "validity": verdicts_as_dict(heard)}
     whole = verdict_of_all(heard)
     if code == FINE and any(finding.kind == "placeholder" for finding in whole.findings):
@@ -202,15 +202,15 @@ def lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
-def own_fault(error: Exception, given: Sequence[str]) -> Problem:
+def own_fault(error: Exception, arguments: Sequence[str]) -> Problem:
     """The problem for an unexpected exception; write its full traceback to a file."""
     import platform
     import tempfile
     import traceback
 
-    said = (str(error).strip().splitlines() or [""])[0]
+    message = (str(error).strip().splitlines() or [""])[0]
     head = f"heavebond {VERSION}, Python {platform.python_version()}, {platform.platform()}\n" \
-           f"command: {shlex.join(['heavebond', *given])}\n\n"
+           f"command: {shlex.join(['heavebond', *arguments])}\n\n"
     try:
         with tempfile.NamedTemporaryFile("w", prefix="heavebond-fault-", suffix=".txt", delete=False, encoding="utf-8",
                                          errors="backslashreplace") as file:
@@ -221,13 +221,13 @@ def own_fault(error: Exception, given: Sequence[str]) -> Problem:
     if lacks_memory(error):
         return Problem("memory", "the memory of this machine does not suffice", None, "Ask for fewer output points (a "
                        f"longer `every`), a shorter run, or fewer workers. {where}.")
-    return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {said}", None,
+    return Problem("internal", f"a fault of heavebond itself, not of your files: {type(error).__name__}: {message}", None,
                    f"{where}. Report it with that file and the files of the command to who maintains heavebond for you.")
 
 
-def _end(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]) -> int:
+def _end(arguments: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]) -> int:
     """Write the JSON file, print the problems and return the exit code."""
-    unwritten = _write(given, command, code, problems, figures)
+    unwritten = _write(arguments, command, code, problems, figures)
     if unwritten and code == FINE:  # otherwise the error was reported before, or another problem is more important
         problems, code = [unwritten], WRONG_USAGE
     if problems and problems[0].code == "interrupted":
@@ -237,10 +237,10 @@ def _end(given: list[str], command: str, code: int, problems: list[Problem], fig
     return code
 
 
-def _write(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]
+def _write(arguments: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]
            ) -> Problem | None:
     """Write the file of --json if it is requested; return the problem if it cannot be written."""
-    path = json_path(given)
+    path = json_path(arguments)
     if not path:
         return None
     document = {"command": command, "ok": code == FINE, "problems": [p.as_dict() for p in problems], **figures}

@@ -94,3 +94,15 @@ initial: {load.x: 20 mm, load.v: 0 m/s}
 show: {place: {is: load.x, unit: mm}}
 simulate: {until: 1 s, every: 0.1 s}
 """
+
+# 2 L/min out of 2 L of oil: dp/dt = -q beta/V = -250 bar/s from 10 bar, vacuum after 11.01325/250 s
+SUCKING = """
+model: sucking
+components:
+  pump: {is: FlowSource, u: -2 L/min}
+  oil:  {is: Volume, V: 2 L, beta: 1.5 GPa}
+nodes: {oil: [pump.a, oil.a]}
+initial: {oil.p: 10 bar}
+show: {pressure: {is: oil.p, unit: bar}}
+simulate: {until: 2 s, every: 1 ms}
+"""

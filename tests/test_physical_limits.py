@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from diagrams import SUCKING
 
 import heavebond as hb
 from heavebond.cli import main
@@ -26,17 +27,6 @@ from heavebond.optimise.objective import TuningProblem, ranges
 from heavebond.optimise.tuning import tune
 
 MODELS = Path(hb.__file__).parent.parent / "models"
-# 2 L/min out of 2 L of oil: dp/dt = -q beta/V = -250 bar/s from 10 bar, vacuum after 11.01325/250 s
-SUCKING = """
-model: sucking
-components:
-  pump: {is: FlowSource, u: -2 L/min}
-  oil:  {is: Volume, V: 2 L, beta: 1.5 GPa}
-nodes: {oil: [pump.a, oil.a]}
-initial: {oil.p: 10 bar}
-show: {pressure: {is: oil.p, unit: bar}}
-simulate: {until: 2 s, every: 1 ms}
-"""
 # a level of 1 m on 0.1 m**2, drawn by 1 L/s: empty after 100 s
 DRAINED = """
 model: drained

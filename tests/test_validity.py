@@ -11,6 +11,7 @@ import click.testing
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from diagrams import SUCKING
 
 import heavebond as hb
 from heavebond.cli import main
@@ -19,15 +20,6 @@ from heavebond.language.model import Model
 from heavebond.numerics.run_verdict import Verdict, listening
 from heavebond.numerics.simulator import Simulator
 
-SUCKING = """
-model: sucking
-components:
-  pump: {is: FlowSource, u: -2 L/min}
-  oil:  {is: Volume, V: 2 L, beta: 1.5 GPa}
-nodes: {oil: [pump.a, oil.a]}
-initial: {oil.p: 10 bar}
-simulate: {until: 2 s, every: 1 ms}
-"""
 # the same oil compressed from 19990 to 20490 bar, which no machine does
 PUMPED = SUCKING.replace("-2 L/min", "2 L/min").replace("10 bar", "19990 bar")
 # a stop of 5 N/m in place of 5 MN/m, and the oil is drawn from a chamber that is shut

@@ -230,7 +230,7 @@ def _schedule(diagram: Model, loop: str, block: str, free: Sequence[str], crosso
     units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
     texts: dict[str, Tree] = {name: [units[f"{name}[{k}]"].written(result.values[f"{name}[{k}]"])
                                      for k in range(1, len(result.inputs) + 1)] for name in (f"{block}.x", *free)}
-    verdicts = {name: found.verdict for name, found in result.checks.items()}
+    verdicts = {name: check.verdict for name, check in result.checks.items()}
     return schedule_items(diagram, result, block, free), texts, {
         "verdict": UNSTABLE if UNSTABLE in verdicts.values() else next(iter(verdicts.values())), "verdicts": verdicts}
 

@@ -78,7 +78,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     check_picture(output)
     if saved is not None:
         check_writable(saved, MATRICES)
-    chosen, wanted = _asked(listed(inputs), listed(outputs), loop, over)
+    chosen, wanted = _channel_ends(listed(inputs), listed(outputs), loop, over)
     with blamed_on_settings(settings), terminal.working("linearising"):
         diagram = with_settings(load(model), settings)
         when = operating_time(at, steady)
@@ -126,7 +126,7 @@ def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: 
     return {**figures, **(channels[0] if loop else system).as_dict(), "files": [str(path) for path in files]}
 
 
-def _asked(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
+def _channel_ends(inputs: list[str], outputs: list[str], loop: str | None, over: str | None) -> tuple[list[str], list[str]]:
     """The inputs and outputs that the options name; UsageError if the options exclude each other."""
     if (loop is not None and (inputs or outputs or over)) or (over is not None and (inputs or outputs)):
         raise UsageError([Problem("linear-asked", "--loop, --over and --from with --to exclude each other", None,

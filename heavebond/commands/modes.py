@@ -43,6 +43,6 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
 
     with blamed_on_settings(settings), terminal.working("linearising"):
         diagram = with_settings(load(model), settings)
-        found = linear_modes.modes(diagram, at=operating_time(at, steady), slowest=slowest)
-    terminal.show(modes_items(found))
-    return found.as_dict()
+        computed = linear_modes.modes(diagram, at=operating_time(at, steady), slowest=slowest)
+    terminal.show(modes_items(computed))
+    return computed.as_dict()

@@ -124,7 +124,8 @@ def _diagnosed(monitoring: Monitoring, number: int, seconds: float, processes: i
         files.append(target / f"{record.name}_report.html")
         write_text(files[-1], report(result, result.localization))
     if len(monitoring.changed) > number:
-        rest = len(monitoring.changed) - number
-        terminal.output().print(f"{count(rest, 'record')} that left the model {'is' if rest == 1 else 'are'} not diagnosed: "
-                                f"give --diagnose {len(monitoring.changed)}", soft_wrap=True)
+        remaining = len(monitoring.changed) - number
+        are = "is" if remaining == 1 else "are"
+        terminal.output().print(f"{count(remaining, 'record')} that left the model {are} not diagnosed: give --diagnose "
+                                f"{len(monitoring.changed)}", soft_wrap=True)
     return answers

@@ -98,7 +98,7 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         f"{assembly.model.name}, {result.time[0]:.10g} to {result.time[-1]:{'.10g' if result.time[0] else 'g'}} s",
         ("output", "unit", "min", "max", "rms", "final"),
         [(f"{name} *" if name in without_law else name, str(figures[name]["unit"]),
-          *(_shown(figures[name][k]) for k in ("min", "max", "rms", "final")))
+          *(_parameter_text(figures[name][k]) for k in ("min", "max", "rms", "final")))
          for name in names], text=2))
     if without_law:
         parts = lawless_parts(assembly)
@@ -149,7 +149,7 @@ def _tell(verification: Verification, figures: dict[str, object]) -> None:
     raise_if_moved(verification, figures)
 
 
-def _shown(value: float | str) -> str:
+def _parameter_text(value: float | str) -> str:
     from heavebond.core.presentation import number
 
     # smaller values are rounding of the integrator in any unit in use

@@ -44,9 +44,9 @@ def _console(file: IO[str]) -> Console:
         def on_broken_pipe(self) -> NoReturn:
             raise BrokenPipeError
 
-        def render(self, *given: Any, **options: Any) -> Iterator[Segment]:
+        def render(self, *objects: Any, **options: Any) -> Iterator[Segment]:
             """Segments of the output, with control characters from names and records made visible."""
-            for segment in super().render(*given, **options):
+            for segment in super().render(*objects, **options):
                 yield segment if segment.control else segment._replace(text=visible(segment.text))
 
     # a file has no width; the default of 80 characters would break tables
@@ -168,8 +168,8 @@ def working(words: str) -> Iterator[Callable[[str], None]]:
     # a duplicate of the terminal: during an integration the solver's messages are captured from file descriptor 2
     with open(os.dup(sys.stderr.fileno()), "w", encoding=sys.stderr.encoding) as copy, \
             _console(copy).status(words, spinner="dots") as status:
-        def told(text: str) -> None:
+        def show_status(text: str) -> None:
             check()
             status.update(f"{words}: {text}")
 
-        yield told
+        yield show_status

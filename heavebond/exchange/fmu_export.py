@@ -204,10 +204,10 @@ def _terminals(exported: Portable, svg: str) -> bytes:
 def shown_outputs(exported: Portable) -> list[tuple[str, Quantity]]:
     """The outputs with their names in an FMU: an output may have the name of a state or a parameter, which FMI does not
     allow."""
-    taken = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
-    taken |= {held.name for held in exported.held.values()}
+    exported_names = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
+    exported_names |= {held.name for held in exported.held.values()}
     outputs = exported.outputs[:len(exported.outputs) - exported.locals]
-    return [(f"show.{q.name}" if q.name in taken else q.name, q) for q in outputs]
+    return [(f"show.{q.name}" if q.name in exported_names else q.name, q) for q in outputs]
 
 
 def _documents(exported: Portable, picture: str, version: int) -> dict[str, bytes]:
@@ -333,7 +333,7 @@ class _Variables3:
         # values that the initialisation may change
         solved = list(range(first, first + n_x)) if exported.starting.follows else []
         for k, q in enumerate(exported.states):
-            self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_told(q),
+            self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_attributes(q),
                      nominal=repr(q.nominal))
         for k, (name, unit) in enumerate(rates):
             self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
@@ -341,20 +341,20 @@ class _Variables3:
         first += 2 * n_x
         for k, (q, is_tunable) in enumerate(zip(exported.parameters, exported.tunable, strict=True)):
             if is_tunable:
-                self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
+                self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_attributes(q), **_bounds(q))
             elif held := exported.held.get(k):
-                self.add(held.name, first + k, "local", "discrete", initial="exact", **_told(replace(q, doc=held.doc)))
+                self.add(held.name, first + k, "local", "discrete", initial="exact", **_attributes(replace(q, doc=held.doc)))
         first += len(exported.parameters)
         for k, q in enumerate(exported.inputs):
-            self.add(q.name, first + k, "input", "continuous", **_told(q))
+            self.add(q.name, first + k, "input", "continuous", **_attributes(q))
         first += len(exported.inputs)
-        shown = shown_outputs(exported)
-        for k, (name, q) in enumerate(shown):
+        outputs_of_fmu = shown_outputs(exported)
+        for k, (name, q) in enumerate(outputs_of_fmu):
             self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
                      description=q.doc)
-        for k, q in enumerate(exported.outputs[len(shown):], len(shown)):
+        for k, q in enumerate(exported.outputs[len(outputs_of_fmu):], len(outputs_of_fmu)):
             self.add(q.name, first + k, "local", "continuous", initial="calculated", unit=unit_name(q.unit))
-        outputs = list(range(first, first + len(shown)))
+        outputs = list(range(first, first + len(outputs_of_fmu)))
         self.structured(solved, list(range(1 + n_x, 1 + 2 * n_x)), outputs,
                         self.conditions(exported, first + len(exported.outputs)))
 
@@ -403,7 +403,7 @@ class _Variables2(_Variables3):
                     Xml.SubElement(group, "Unknown", {"index": str(self.index[reference])})
 
 
-def _told(q: Quantity) -> dict[str, str]:
+def _attributes(q: Quantity) -> dict[str, str]:
     return {"description": q.doc, "unit": unit_name(q.unit), "start": repr(q.start)}
 
 

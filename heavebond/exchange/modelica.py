@@ -293,11 +293,12 @@ class _Writer:
     def _parameters(self) -> list[Quantity]:
         """Declare the parameters that occur; the elements of a list as an array."""
         flat, symbols = self.flat, split(self.flat.p)
-        others = [e for event in flat.events for e in (event.indicator, event.first, event.period) if e is not None]
-        shown = [self.assembly.resolver().evaluate(o.expr) for o in self.assembly.model.show.values()]
+        event_expressions = [e for event in flat.events for e in (event.indicator, event.first, event.period)
+                             if e is not None]
+        output_expressions = [self.assembly.resolver().evaluate(o.expr) for o in self.assembly.model.show.values()]
         delays = [e for d in flat.delays for e in (d.source, d.delay)]
-        used = {s.element_hash() for s in ca.symvar(stack([flat.residual_column, self.updates.direct, *others, *delays,
-                                                           *shown]))}
+        used = {s.element_hash() for s in ca.symvar(stack([flat.residual_column, self.updates.direct, *event_expressions,
+                                                           *delays, *output_expressions]))}
         groups: dict[str, list[int]] = {}
         for k, q in enumerate(flat.parameters):
             if k not in self.held and symbols[k].element_hash() in used:
@@ -382,8 +383,8 @@ class _Writer:
         terms = written([resolver.evaluate(o.expr) for o in show.values()], self.terms).terms
         for (label, output), term in zip(show.items(), terms, strict=True):
             name, unit, base = self.fresh(f"show_{label}"), read_unit(output.unit), resolver.unit(output.expr)
-            shown = f'displayUnit = "{unit_name(unit)}"'
-            attributes = shown if base is None else f'unit = "{unit_name(base)}", {shown}'
+            display_unit = f'displayUnit = "{unit_name(unit)}"'
+            attributes = display_unit if base is None else f'unit = "{unit_name(base)}", {display_unit}'
             self.declarations.append(f"  Real {name}({attributes}) {_quoted(f'{label}: {output.text}')};")
             self.equations.append(f"  {name} = {term.text};")
             outputs.append(Quantity(name, unit, unit.from_si(self._at_start(resolver.evaluate(output.expr))), output.text))

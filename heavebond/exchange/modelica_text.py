@@ -177,8 +177,8 @@ def _operated(op: int, args: Sequence[Term]) -> Term:
 def _sum(op: int, a: Term, b: Term, moves: bool) -> Term:
     first, second = a.choice, b.choice
     if op == ca.OP_ADD and first and second:
-        for (condition, value), (other, otherwise) in ((first, second), (second, first)):
-            if other.negated is not None and other.negated.text == condition.text:
+        for (condition, value), (negation, otherwise) in ((first, second), (second, first)):
+            if negation.negated is not None and negation.negated.text == condition.text:
                 return Term(_choice(condition, value.within(OR), otherwise.within(OR)), CONDITIONAL, False, moves)
     sign = 1 if op == ca.OP_ADD else -1
     terms = tuple((s * k, text) for k, side in ((1, a), (sign, b))

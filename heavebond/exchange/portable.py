@@ -272,8 +272,8 @@ def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[s
         if name not in flat.names:
             raise UsageError([Problem("local-unknown", f"the diagram has no variable '{name}'", None,
                                       suggest(name, flat.names) or "`heavebond check MODEL --names` lists all of them.")])
-    shown = {*output_names, *assembly.state_names}
-    hidden = [name for name in dict.fromkeys(locals) if name not in shown]
+    named = {*output_names, *assembly.state_names}
+    hidden = [name for name in dict.fromkeys(locals) if name not in named]
     output_names += hidden
     outputs = stack([signal_expression(assembly, n) for n in output_names])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)

@@ -110,43 +110,43 @@ class PreparedAlternative:
         sensitivities = probe.sensitivities(result) if self.names else np.zeros((0, len(probe.names), len(self.time)))
         return AlternativeRun(p, probe.values(result), sensitivities)
 
-    def left(self, own: AlternativeRun, other: AlternativeRun, weight: Array) -> tuple[Array, Array]:
+    def left(self, first: AlternativeRun, second: AlternativeRun, weight: Array) -> tuple[Array, Array]:
         """The difference between its run and another's (n_y, N) that its parameters cannot absorb, along the tangent, and
         their step (m,); `weight` (n_y,) is sqrt(samples that each one represents) / noise."""
         from scipy.optimize import lsq_linear
 
-        d = ((other.values - own.values) * weight[:, None]).ravel()
+        d = ((second.values - first.values) * weight[:, None]).ravel()
         if not self.names:
-            return d.reshape(own.values.shape), np.zeros(0)
-        J = (own.moved * weight[None, :, None]).reshape(len(own.moved), -1).T
+            return d.reshape(first.values.shape), np.zeros(0)
+        J = (first.moved * weight[None, :, None]).reshape(len(first.moved), -1).T
         rows = np.vstack([J, np.diag(self.precision)])
         scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         q, r = np.linalg.qr(rows / scale)
-        target = q.T @ np.concatenate([d, self.precision * (self.fitted - own.p)])
-        room = (np.minimum(self.low - own.p, 0.0) * scale - 1e-9, np.maximum(self.high - own.p, 0.0) * scale + 1e-9)
-        step = np.clip(own.p + lsq_linear(r, target, room, method="bvls").x / scale, self.low, self.high) - own.p
-        return (d - J @ step).reshape(own.values.shape), step
+        target = q.T @ np.concatenate([d, self.precision * (self.fitted - first.p)])
+        room = (np.minimum(self.low - first.p, 0.0) * scale - 1e-9, np.maximum(self.high - first.p, 0.0) * scale + 1e-9)
+        step = np.clip(first.p + lsq_linear(r, target, room, method="bvls").x / scale, self.low, self.high) - first.p
+        return (d - J @ step).reshape(first.values.shape), step
 
-    def imitating(self, own: AlternativeRun, other: AlternativeRun, known: Mapping[str, Array], weight: Array) -> Array:
+    def imitating(self, imitated: AlternativeRun, other: AlternativeRun, known: Mapping[str, Array], weight: Array) -> Array:
         """The same with fitted parameters: Gauss-Newton steps, halved until they reduce the difference."""
         def distance(run: AlternativeRun) -> float:
             off = (other.values - run.values) * weight[:, None]
             return float(np.sum(off**2) + np.sum((self.precision * (run.p - self.fitted)) ** 2))
 
         for _ in range(STEPS if self.names else 0):
-            step, before, better = self.left(own, other, weight)[1], distance(own), own
+            step, before, better = self.left(imitated, other, weight)[1], distance(imitated), imitated
             for share in (1.0, 0.5, 0.1):
                 try:
-                    seen = self.run(known, p=own.p + share * step)
+                    seen = self.run(known, p=imitated.p + share * step)
                 except (ModelError, SimulationError, StartError):
                     continue
                 if distance(seen) < before:
                     better = seen
                     break
-            own = better
-            if distance(own) > 0.99 * before:
+            imitated = better
+            if distance(imitated) > 0.99 * before:
                 break
-        return np.asarray((other.values - own.values) * weight[:, None])
+        return np.asarray((other.values - imitated.values) * weight[:, None])
 
 
 POINTS = 1000  # largest number of simulated samples of an input

@@ -143,11 +143,11 @@ def _enter_implementations(root: Submodel, libraries: Iterable[Path], comments: 
     `LIBRARY_LINES`. Returns the name of each file, and the line of the first submodel of the model that uses it."""
     files: list[Path] = []
     for source in libraries:
-        found = sorted(source.glob("*.emx")) if source.is_dir() else [source]
-        if not found or not all(path.suffix.lower() == ".emx" and path.is_file() for path in found):
+        source_files = sorted(source.glob("*.emx")) if source.is_dir() else [source]
+        if not source_files or not all(path.suffix.lower() == ".emx" and path.is_file() for path in source_files):
             raise UsageError([Problem("import-library", f"cannot find 20-sim models at '{source}'", None,
                                       "Name an .emx file that contains the submodels, or a folder of such files.")])
-        files += found
+        files += source_files
     implemented: dict[str, tuple[Submodel, int]] = {}
     origins: list[tuple[str, int]] = []
     for k, path in enumerate(files, 1):

@@ -187,29 +187,30 @@ def _check_derivatives(foreign: ForeignFunction, nominal: Array) -> None:
     """ModelError if the derivatives that a program gives differ from differences of its values at each of three points."""
     function = foreign.function
     assert function.external is not None
-    jacobian, found = foreign.casadi.jacobian(), ""
+    jacobian, difference = foreign.casadi.jacobian(), ""
     for factor in (1.0, 0.73, 1.31):
         x = factor * nominal
         steps = STEPS[0] * nominal
-        given = np.array(jacobian(x, 0))
+        computed = np.array(jacobian(x, 0))
         with np.errstate(invalid="ignore"):
             expected = np.column_stack([np.array(foreign.casadi(x + step) - foreign.casadi(x - step)).ravel() / (2 * h)
                                         for h, step in zip(steps, np.diag(steps), strict=True)])
         sizes = np.abs(expected * nominal).max(axis=1, initial=0.0)  # of each result
-        errors = np.abs((given - expected) * nominal)
+        errors = np.abs((computed - expected) * nominal)
         if not np.isfinite(expected).all() or not np.isfinite(sizes).all():
             continue
         if (errors <= DERIVATIVES * np.maximum(sizes, 1e-300)[:, None]).all():
             return
         i, j = np.unravel_index(int(np.argmax(np.where(np.isfinite(errors), errors, np.inf))), errors.shape)
-        found = found or f"derivative of result {i + 1} by argument {j + 1} at x = {', '.join(f'{v:.6g}' for v in x)}: " \
-            f"{given[i, j]:.6g}; by differences of `{function.external.call}`: {expected[i, j]:.6g}"
-    if found:
+        at = ", ".join(f"{v:.6g}" for v in x)
+        difference = difference or f"derivative of result {i + 1} by argument {j + 1} at x = {at}: {computed[i, j]:.6g}; " \
+            f"by differences of `{function.external.call}`: {expected[i, j]:.6g}"
+    if difference:
         raise ModelError([Problem("native-derivatives", f"`{function.external.derivatives}` of "
                                   f"{function.external.path.name} does not give the derivatives of {function.name}",
                                   function.place, "Give the matrix row by row, in SI: a row for each number of the results, "
                                   "a column for each number of the arguments. Or leave out `derivatives:`.",
-                                  (found, *foreign.errors[:1]))])
+                                  (difference, *foreign.errors[:1]))])
 
 
 # -- C -----------------------------------------------------------------------------------------------------------------
@@ -518,17 +519,18 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
     recent = 0.0  # results that are not numbers, less a fiftieth of the others
 
     def arguments(x: Array) -> list[Any]:
-        given, at = list[Any](), 0
+        elements, at = list[Any](), 0
         for quantity, shape in zip(function.inputs.values(), shapes, strict=True):
             size = shape[0] * shape[1]
             part = x[at:at + size]
-            given.append(float(part[0]) if not quantity.sizes else part.reshape(shape) if len(quantity.sizes) > 1 else part)
+            elements.append(float(part[0]) if not quantity.sizes else part.reshape(shape) if len(quantity.sizes) > 1
+                            else part)
             at += size
-        return given
+        return elements
 
     def results(x: Array) -> Array:
-        found = value(*arguments(x))
-        parts = found if len(outputs) > 1 else [found]
+        output = value(*arguments(x))
+        parts = output if len(outputs) > 1 else [output]
         if None in [part if part is None else 0 for part in parts]:
             raise TypeError("it returns None; is `return` missing?")
         y = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
@@ -622,9 +624,9 @@ class _PythonFunction(ca.Callback):
     def get_sparsity_out(self, k: int) -> ca.Sparsity:
         return self.outputs[k]
 
-    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        found = ca.DM(self.orders[0](np.array(given[0]).ravel()))
-        return [found, *(ca.DM(pattern.size1(), pattern.size2()) for pattern in self.outputs[1:])]
+    def eval(self, values: Sequence[ca.DM]) -> list[ca.DM]:
+        column = ca.DM(self.orders[0](np.array(values[0]).ravel()))
+        return [column, *(ca.DM(pattern.size1(), pattern.size2()) for pattern in self.outputs[1:])]
 
     def has_jacobian(self) -> bool:
         return len(self.orders) > 1
@@ -666,14 +668,14 @@ class Opened:
             return list(columns)
         symbols, values, at = list[ca.SX](), list[ca.SX](), 0
         for function, results in self.calls:
-            given = []
+            inputs = []
             for k in range(function.n_in()):
                 pattern = function.sparsity_in(k)
                 part = args[at:at + pattern.nnz()]
-                given.append(ca.SX(pattern, ca.substitute(part, ca.vertcat(*symbols), ca.vertcat(*values)) if symbols
-                                   else part))
+                inputs.append(ca.SX(pattern, ca.substitute(part, ca.vertcat(*symbols), ca.vertcat(*values)) if symbols
+                                    else part))
                 at += pattern.nnz()
-            results_of = function.call(given, False, True)
+            results_of = function.call(inputs, False, True)
             outputs = _column(e for y in results_of for e in _elements(y))
             symbols += results.values()
             values += [outputs[k] for k in results]
@@ -754,21 +756,21 @@ def jacobian(column: ca.SX, symbols: ca.SX) -> ca.SX:
         return ca.jacobian(column, symbols)
     results, slopes, at = ca.SX(0, 1), ca.SX(0, symbols.numel()), 0
     for function, numbered in whole.calls:
-        given, places = [], list[int]()
+        arguments, places = [], list[int]()
         for k in range(function.n_in()):
             pattern = function.sparsity_in(k)
             offset = sum(function.numel_in(i) for i in range(k))
             places += [offset + i for i in pattern.find()]
-            given.append(ca.SX(pattern, whole.args[at:at + pattern.nnz()]))
+            arguments.append(ca.SX(pattern, whole.args[at:at + pattern.nnz()]))
             at += pattern.nnz()
-        args = _column(e for g in given for e in _elements(g))
+        args = _column(e for g in arguments for e in _elements(g))
         along = ca.jacobian(args, symbols) + ca.mtimes(ca.jacobian(args, results), slopes)
         slope = function.jacobian()
-        outputs = function.call(given, False, True)
-        found = slope.call([*given, *(y if slope.nnz_in(function.n_in() + k) else ca.SX(y.size1(), y.size2())
-                                      for k, y in enumerate(outputs))], False, True)
+        outputs = function.call(arguments, False, True)
+        by_argument = slope.call([*arguments, *(y if slope.nnz_in(function.n_in() + k) else ca.SX(y.size1(), y.size2())
+                                                for k, y in enumerate(outputs))], False, True)
         n_in = function.n_in()
-        rows = ca.vertcat(*(ca.horzcat(*found[o * n_in:(o + 1) * n_in]) for o in range(function.n_out())))
+        rows = ca.vertcat(*(ca.horzcat(*by_argument[o * n_in:(o + 1) * n_in]) for o in range(function.n_out())))
         numbers = [sum(function.numel_out(i) for i in range(o)) + i for o in range(function.n_out())
                    for i in function.sparsity_out(o).find()]
         results = ca.vertcat(results, *numbered.values())

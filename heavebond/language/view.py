@@ -80,15 +80,15 @@ def _shape(name: str, item: Node, folder: Path, problems: Problems) -> ViewShape
     spatial = kind not in KINDS or (pointed and kind not in WIDE)
     needed, more, usual = (SPATIAL_KINDS if spatial else KINDS)[kind]
     reading.known_keys(entry, (*COMMON, *needed, *more), f"'{name}' ({kind})", problems, needed)
-    given = [key for key in (*needed, *more) if key in entry.items]
+    keys = [key for key in (*needed, *more) if key in entry.items]
     points: dict[str, Point] = {}
     file: Path | None = None
     if spatial:
-        points = {key: point for key in given if key in POINTS
+        points = {key: point for key in keys if key in POINTS
                   and (point := _point(entry, key, kind, problems)) is not None}
-        if "file" in given:
+        if "file" in keys:
             file = folder / reading.text(entry.items["file"], "file", problems)
-    formulas = {key: _formulas(entry, key, kind, spatial, problems) for key in given
+    formulas = {key: _formulas(entry, key, kind, spatial, problems) for key in keys
                 if key != "file" and not (spatial and key in POINTS)}
     colour = reading.choice(entry.items.get("colour"), "colour", COLOURS, problems) or usual
     label = reading.text(entry.items.get("label"), "label", problems)

@@ -310,11 +310,11 @@ class _Grid:
         self.squares = np.concatenate([self.squares, (size > 0).astype(float)])
         self.towards = np.concatenate([self.towards, block.T @ self.problem.target])
         for k, chosen in enumerate(shapes):
-            own = slice(k * each, (k + 1) * each)
-            if finite[own].all():
+            of_block = slice(k * each, (k + 1) * each)
+            if finite[of_block].all():
                 if each > 1:
-                    self.grams[len(self.groups)] = block[:, own].T @ block[:, own]
-                self.groups.append((replace(part, shapes=chosen), slice(begin + own.start, begin + own.stop)))
+                    self.grams[len(self.groups)] = block[:, of_block].T @ block[:, of_block]
+                self.groups.append((replace(part, shapes=chosen), slice(begin + of_block.start, begin + of_block.stop)))
 
     def add(self, part: Part) -> int:
         """Add a part with its values; its index."""

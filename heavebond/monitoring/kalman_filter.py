@@ -379,11 +379,11 @@ def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float
             known.append(prior)
             of_known.append((value / prior.slope(float(assembly.p[index]))) ** 2)
         else:
-            here = [*states, *experiment.free]
+            known_names = [*states, *experiment.free]
             is_parameter = name in assembly.parameter_names
             problems.add("walk-unknown", f"'{name}' is neither a state nor a free parameter", hint=
                          f"Give its range in the experiment: `free: {{{name}: {_example_range(assembly, name)}}}`."
-                         if is_parameter else suggest(name, here) or f"States: {listing(list(states), 20)}; free "
+                         if is_parameter else suggest(name, known_names) or f"States: {listing(list(states), 20)}; free "
                          f"parameters: {listing(list(experiment.free) or ['none'], 20)}.")
             continue
         if not (np.isfinite(value) and value >= 0):

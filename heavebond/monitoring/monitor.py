@@ -240,7 +240,7 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
     task = _Task(replace(experiment, records={template.name: template}), dict(walks or {}), template.name, share, alarm_rate,
                  estimates, estimator.reference)
     say = progress or (lambda text: None)
-    done: dict[Path, tuple[MonitoredRecord, StateEstimate | None]] = {}
+    filtered: dict[Path, tuple[MonitoredRecord, StateEstimate | None]] = {}
     partial = False
     with ExitStack() as stack:
         workers = executor.number if isinstance(executor, Cluster) else min(processes or processors(), len(files))
@@ -251,18 +251,18 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
         try:
             if executor is None:
                 for file in files:
-                    done[file] = _filtered(estimator, task, file)
-                    say(f"{len(done)} of {len(files)} records")
+                    filtered[file] = _filtered(estimator, task, file)
+                    say(f"{len(filtered)} of {len(files)} records")
             else:
                 ahead = executor.ahead if isinstance(executor, Cluster) else workers + 1
                 for _, results in as_done(executor, _filter_group, ((k, (task, group)) for k, group in enumerate(groups)),
                                           ahead, instead=lambda k, _: _lost(groups[k])):
-                    done |= results
-                    say(f"{len(done)} of {len(files)} records")
+                    filtered |= results
+                    say(f"{len(filtered)} of {len(files)} records")
         except KeyboardInterrupt:
             clear_signal()
             partial = True
-    finished = [done[file] for file in files if file in done]
+    finished = [filtered[file] for file in files if file in filtered]
     return Monitoring(task.experiment, tuple(r for r, _ in finished), alarm_rate,
                       {r.name: e for r, e in finished if e is not None}, task.walks, share, partial)
 

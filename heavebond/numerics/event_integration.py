@@ -418,10 +418,10 @@ class EventIntegration:
                 x, inner, u = self._columns(state.frame, at, y, z)
                 values = state.frame.equations.indicators(at, x, inner, state.p, u)[0]
                 was = np.column_stack([state.true, (values[:, 1:-1] > 0) & ~self.breakaways[:, None]])
-                now = (values[:, 1:] > 0) & ~was
-                if now.any():
-                    reached = int(np.argmax(now.any(axis=0))) + 1
-                    met = np.flatnonzero(now[:, reached - 1])
+                becomes_true = (values[:, 1:] > 0) & ~was
+                if becomes_true.any():
+                    reached = int(np.argmax(becomes_true.any(axis=0))) + 1
+                    met = np.flatnonzero(becomes_true[:, reached - 1])
             record.steps += reached
             # values that are computed beyond an event are discarded
             self.window = window = min(2 * window, WINDOW) if reached == len(times) else max(reached, 1)

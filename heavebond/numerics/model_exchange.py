@@ -70,11 +70,11 @@ class EventSteps:
     """An initialised instance of an FMU for co-simulation (FMI 3.0) in event mode; RuntimeError or the exception of FMPy if
     it fails. It takes the steps between events, and its events happen at the end of a step."""
 
-    def __init__(self, instance: Any, clocks: Clocks):
+    def __init__(self, instance: Any, clocks: Clocks, update: str = "updateDiscreteStates"):
         self.instance, self.clocks = instance, clocks
         self.events = 0  # number of events after the initialisation
         self.ended = False  # the FMU requests the end of the run
-        self._update = instance.updateDiscreteStates
+        self._update = getattr(instance, update)
 
     def begin(self, time: float) -> None:
         """Leave the event mode for the first time, after the initialisation."""
@@ -142,8 +142,7 @@ class ModelExchange(EventSteps):
 
     def __init__(self, instance: Any, clocks: Clocks, version: str, states: int, indicators: int):
         self._three = version.startswith("3")
-        self.instance, self.clocks, self.events, self.ended = instance, clocks, 0, False
-        self._update = instance.updateDiscreteStates if self._three else instance.newDiscreteStates
+        super().__init__(instance, clocks, "updateDiscreteStates" if self._three else "newDiscreteStates")
         self._n, self._stiff = (states, indicators), False
 
     def begin(self, time: float) -> None:

@@ -125,13 +125,13 @@ class NarrowFunctions:
         both = np.flatnonzero(number[1:] == number[:-1])
         number, shares = np.append(number, number[both]), np.append(shares, (shares[both] + shares[both + 1]) / 2)
         t, x_at, z_at, slope = piece.at(number, shares)
-        there = self._values(self._rates, t, x_at, z_at, p[:, k[number]], u[:, number])
+        rates_there = self._values(self._rates, t, x_at, z_at, p[:, k[number]], u[:, number])
         known = np.column_stack(rates)
         known = np.where(np.isfinite(known), known, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            ranges = np.maximum(known.max(axis=1, keepdims=True), there) - np.minimum(
-                known.min(axis=1, keepdims=True), there)
-            excess = np.where(ranges > 0, np.abs(there - slope) / ranges, 0.0)
+            ranges = np.maximum(known.max(axis=1, keepdims=True), rates_there) - np.minimum(
+                known.min(axis=1, keepdims=True), rates_there)
+            excess = np.where(ranges > 0, np.abs(rates_there - slope) / ranges, 0.0)
         excess = np.nan_to_num(excess, nan=0.0, posinf=0.0).max(axis=0, initial=0.0)
         chosen = np.flatnonzero(excess > NARROW.share)
         chosen = chosen[np.argsort(t[chosen], kind="stable")]

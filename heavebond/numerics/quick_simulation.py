@@ -266,20 +266,20 @@ class Unexplained(Simulator):
             raise
         check_margins(limited(assembly), driver.margins, self.begin)
 
-    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+    def attempt(self, first: Start, start_tangent: Tangent | None = None) -> Trace:
         if self.driver is None:
-            return super().attempt(first, moved)
+            return super().attempt(first, start_tangent)
         try:
-            integrated = self._compiled(self.driver, first, moved, True)
+            integrated = self._compiled(self.driver, first, start_tangent, True)
         except RuntimeError:
             if not self.driver.equations.n_z:
                 raise
             # where the equations for z are all but singular IDAS may go on, which has them under its own control
             if len(self.kinks):
-                return self._switching(self.charts).run(first, moved)
+                return self._switching(self.charts).run(first, start_tangent)
             if not hasattr(self, "integrator"):
                 super().prepare()
-            return super().attempt(first, moved)
+            return super().attempt(first, start_tangent)
         return self._states(integrated)
 
     def _states(self, integrated: Integrated) -> Trace:
@@ -298,7 +298,7 @@ class Unexplained(Simulator):
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """Nothing: the number of steps is limited."""
 
-    def _failure(self, assembly: Assembly, first: Start, said: str) -> SimulationError:
+    def _failure(self, assembly: Assembly, first: Start, message: str) -> SimulationError:
         return SimulationError([Problem("integration-failed", "the integration stopped")])
 
 
@@ -348,8 +348,8 @@ class CaseSimulator(Unexplained):
         """Whether points may be added between the stops: not where integration begins anew at each of these."""
         return not self.assembly.flat.inputs or self.looks_up
 
-    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        assert self.driver is not None and moved is None
+    def attempt(self, first: Start, start_tangent: Tangent | None = None) -> Trace:
+        assert self.driver is not None and start_tangent is None
         n = len(first.x)
         x0 = np.append(self.assembly.scaled_x(first.x), np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
@@ -401,17 +401,17 @@ class QuickSimulator(Unexplained):
         outputs = [float(t) for t in stops[1:] / unit] or [1.0]
         return Buffered(ca.integrator("run", solver, scaled_dae, 0.0, outputs, options), ("xf", "zf"))
 
-    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+    def attempt(self, first: Start, start_tangent: Tangent | None = None) -> Trace:
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled
         try:
-            trace = super().attempt(first, moved)
+            trace = super().attempt(first, start_tangent)
         except RuntimeError:
             # behind a jump of what is held CVODES may go on with the slope before it, and give up where something is quick
             if self.one_step or not stopped or self.switching is not None:
                 raise
             self.one_step = True
             self.integrator = self._integrator()
-            return super().attempt(first, moved)
+            return super().attempt(first, start_tangent)
         if stopped and not self.one_step and \
                 self.integrator.stats()["nfevals"] > SEARCH_RUNS.one_step_from * (len(self.stops) - 1):
             self.one_step = True

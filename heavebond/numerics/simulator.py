@@ -383,50 +383,39 @@ class Simulator:
             self._take_sizes({**self.assembly.sizes, **sizes})
             assembly, first, start_tangent = again()
         try:
-            found = self._integrate(assembly, first, start_tangent)
+            trace = self._integrate(assembly, first, start_tangent)
         except SimulationError as error:
             if again is None or not (sizes := self._sizes_before(error)):
                 raise
-            before, switching, unexplained = self.assembly.sizes, self.switching, self._unexplained
-            self._take_sizes({**before, **sizes})
             try:
-                assembly, first, start_tangent = again()
-                found = self._integrate(assembly, first, start_tangent)
+                assembly, first, start_tangent, trace = self._repeated(sizes, again)
             except HeavebondError:  # the sizes were not the cause
-                self._take_sizes(before)
-                self.switching, self._unexplained = switching, unexplained
                 raise error from None
         remarks: dict[str, object] = {}
         if again is None:
-            return assembly, first, start_tangent, found, remarks
+            return assembly, first, start_tangent, trace, remarks
         hidden: Mapping[str, tuple[float, float]] = {}
         for _ in range(SIZES.max_repeats):
-            fitting = self._fitting_sizes(assembly, first, start_tangent, found)
+            fitting = self._fitting_sizes(assembly, first, start_tangent, trace)
             hidden = fitting.hidden
             if not fitting.sizes:
                 break
-            before, switching = self.assembly.sizes, self.switching
-            self._take_sizes({**before, **fitting.sizes})
             try:
-                restarted = again()
-                found = self._integrate(*restarted)
-            except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
+                assembly, first, start_tangent, trace = self._repeated(fitting.sizes, again)
+            except (StartError, SimulationError):  # the first run is the result, and its verdict names these unknowns
                 check()
-                self._take_sizes(before)
-                self.switching = switching  # with the history of its delays
                 if unfit := {name: size.value for name, size in fitting.sizes.items() if not size.origin}:
                     remarks["unfit"] = unfit
                 hidden = {**hidden, **{name: (size.value, self.tolerances.rtol * abs(size.origin))
                                        for name, size in fitting.sizes.items() if size.origin}}
                 break
-            assembly, first, start_tangent = restarted
         if hidden:
             remarks["rounded"] = hidden
         # stops at the passages of one run are not those of the next run of a search
-        if self.looks_between and self.dense and (found.stays or not is_outside(assembly, self._columns(
-                first, self.stops if found.ended is None else found.ended, found.x, found.z, found))):
+        if self.looks_between and self.dense and (trace.stays or not is_outside(assembly, self._columns(
+                first, self.stops if trace.ended is None else trace.ended, trace.x, trace.z, trace))):
             for repeats_left in reversed(range(NARROW.passes)):
-                unresolved = self._stepped_over(assembly, first, found)
+                unresolved = self._stepped_over(assembly, first, trace)
                 if not len(unresolved):
                     break
                 if not repeats_left:
@@ -436,18 +425,32 @@ class Simulator:
                 self._place_stops()
                 self._renew()
                 assembly, first, start_tangent = again()
-                found = self._integrate(assembly, first, start_tangent)
-        return assembly, first, start_tangent, found, remarks
+                trace = self._integrate(assembly, first, start_tangent)
+        return assembly, first, start_tangent, trace, remarks
+
+    def _repeated(self, sizes: Mapping[str, Size], again: Callable[[], tuple[Assembly, Start, Tangent | None]]
+                  ) -> tuple[Assembly, Start, Tangent | None, Trace]:
+        """Repeat a run with other nominal sizes of some unknowns. If it fails, the sizes, the switching with the history of
+        its delays, and the reason of an earlier failure are restored."""
+        before, switching, unexplained = self.assembly.sizes, self.switching, self._unexplained
+        self._take_sizes({**before, **sizes})
+        try:
+            restarted = again()
+            return *restarted, self._integrate(*restarted)
+        except HeavebondError:
+            self._take_sizes(before)
+            self.switching, self._unexplained = switching, unexplained
+            raise
 
     def _result(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, began: float,
                 again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
         """A run at the times of its outputs; see `_integrated` for `again`."""
         started = clock.perf_counter()
         with self._turn:
-            assembly, first, start_tangent, found, remarks = self._integrated(assembly, first, start_tangent, again)
+            assembly, first, start_tangent, whole, remarks = self._integrated(assembly, first, start_tangent, again)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
-                      "start_steps": first.steps, **found.statistics,
+                      "start_steps": first.steps, **whole.statistics,
                       **({"step": self.step} if self.step else {}),
                       **({"sizes": {name: size.value for name, size in self.assembly.sizes.items()}}
                          if self.assembly.sizes else {}),
@@ -456,17 +459,17 @@ class Simulator:
         if self.switching is not None and (fmus := self.switching.home.equations.partners.reports):
             statistics["fmus"] = fmus
         sizes = self._sizes(start_tangent)
-        instants = found.instants if start_tangent is None else tuple(replace(i, delays=i.delays / sizes)
-                                                                      for i in found.instants)
+        instants = whole.instants if start_tangent is None else tuple(replace(i, delays=i.delays / sizes)
+                                                                      for i in whole.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
         stops, output_times, output_stops = self.stops, self.time, self._keep
-        if found.ended is not None:
-            stops = found.ended
+        if whole.ended is not None:
+            stops = whole.ended
             output_times = np.append(self.time[self.time < stops[-1]], stops[-1])
             output_stops = np.searchsorted(stops, output_times)
 
-        def taken(found: Trace, times: Array, keep: NDArray[np.intp]) -> Result:
+        def run_at(trace: Trace, times: Array, keep: NDArray[np.intp]) -> Result:
             """The run at times (n,), which are points of a trace."""
 
             def in_states(of: Assembly, at: NDArray[np.intp], x: Array, z: Array, stays: tuple[Stayed, ...] = ()) -> Result:
@@ -475,41 +478,41 @@ class Simulator:
                 n_x, n_z = len(of.x_nominal), len(of.z_nominal)
                 along = None if start_tangent is None else ForwardSensitivities(
                     self.sensitivities, _by_direction(x[n_x:, points], sizes), _by_direction(z[n_z:, points], sizes),
-                    (start_tangent.p / sizes).T, _by_direction(found.quadratures[n_q:, points], sizes),
-                    found.held_along[..., points] / sizes[:, None, None],
-                    None if found.driven is None else found.driven.along[..., points] / sizes[:, None, None])
-                u = self.pieces.at(times[at]) if found.driven is None else found.driven.u[:, points]
+                    (start_tangent.p / sizes).T, _by_direction(trace.quadratures[n_q:, points], sizes),
+                    trace.held_along[..., points] / sizes[:, None, None],
+                    None if trace.driven is None else trace.driven.along[..., points] / sizes[:, None, None])
+                u = self.pieces.at(times[at]) if trace.driven is None else trace.driven.u[:, points]
                 return Result(of, times[at], x[:n_x, points], z[:n_z, points], u, first.p, first,
-                              statistics, found.quadratures[:n_q, points], along, found.held[:, points], instants, stays)
+                              statistics, trace.quadratures[:n_q, points], along, trace.held[:, points], instants, stays)
 
-            other_states = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
+            other_states = ((np.flatnonzero(stay.at[keep]), stay) for stay in trace.stays)
             # a stay may pass between two output points
             stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in other_states if len(at))
-            return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
+            return in_states(assembly, np.arange(len(keep)), trace.x, trace.z, stays)
 
         def with_hidden(points: Points) -> Points:
             """Points of this run and those of the motions between them."""
             return points if start_tangent is not None or not self.looks_between else HiddenMotions(
                 assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
 
-        result = taken(found, output_times, output_stops)
+        result = run_at(whole, output_times, output_stops)
         if start_tangent is not None and (jumps := passed_jumps(result)):
             statistics["jumps"] = jumps
-        if found.between is None:
+        if whole.between is None:
             if limited(self.assembly).unknowns:
-                times, trace, _ = with_hidden((stops, found, None))
-                check_limits(result, taken(trace, times, np.arange(len(times))) if len(times) > len(output_times) else None)
+                times, trace, _ = with_hidden((stops, whole, None))
+                check_limits(result, run_at(trace, times, np.arange(len(times))) if len(times) > len(output_times) else None)
             self._check_decided(result)
             return result
 
         def dense() -> tuple[Result, Settle | None]:
-            assert found.between is not None
+            assert whole.between is not None
             with self._turn:
-                times, trace, settle = with_hidden(found.between())
+                times, trace, settle = with_hidden(whole.between())
             # the run begins with the values after the events at its start
             begin = int(np.searchsorted(times, times[0], side="right")) - 1
             points = np.arange(begin, len(times))
-            return taken(trace, times[points], points), None if settle is None else lambda at: settle(at + begin)
+            return run_at(trace, times[points], points), None if settle is None else lambda at: settle(at + begin)
 
         result = replace(result, between=dense)
         check_limits(result)
@@ -553,11 +556,11 @@ class Simulator:
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
         exact = first.steps == 0
         small = far_below(reached, nominal, declared, exact)
-        moved = little_moved(lowest, highest, exact)
+        nearly_constant = little_moved(lowest, highest, exact)
         about = dict(zip(assembly.state_names, first.x.tolist(), strict=True))
-        origins = {name: about[name] for name in moved if about.get(name) and name not in assembly.sizes}
+        origins = {name: about[name] for name in nearly_constant if about.get(name) and name not in assembly.sizes}
         wanted = {**{name: reached[name] for name in small}, **{name: highest[name] - lowest[name] for name in origins}}
-        hidden = {name: highest[name] - lowest[name] for name in moved
+        hidden = {name: highest[name] - lowest[name] for name in nearly_constant
                   if EPS * abs(lowest[name]) > SIZES.resolved * (highest[name] - lowest[name])}
         if not wanted and not hidden:
             return FittingSizes({}, {})
@@ -800,16 +803,16 @@ class Simulator:
         m, n = len(self.sensitivities), x.shape[1]
         return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
 
-    def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
+    def attempt(self, first: Start, start_tangent: Tangent | None = None) -> Trace:
         """Integrate from `first` over the stops; raises the integrator's RuntimeError if it fails."""
-        x0, z0, p = self._scaled_start(first, moved)
+        x0, z0, p = self._scaled_start(first, start_tangent)
         assembly, n_all, n = self.assembly, len(x0), len(self.stops) - 1
-        blocks = 1 if moved is None else 1 + len(self.sensitivities)
+        blocks = 1 if start_tangent is None else 1 + len(self.sensitivities)
         n_x, z_size = len(first.x) * blocks, np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
-        found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
-        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
-        raw = np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), n)])
+        ends = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
+        x = np.column_stack([x0, np.asarray(ends["xf"]).reshape(n_all, n)])
+        raw = np.column_stack([z0, np.asarray(ends["zf"]).reshape(len(z0), n)])
         z, keep = raw.copy(), self._keep if self.dense else slice(None)
         z[:, keep] = self._settled(x[:, keep], raw[:, keep], p, self.stops[keep])
 
@@ -826,8 +829,9 @@ class Simulator:
                 return np.asarray((values * z_size[:, None])[:len(first.z)])
 
             # with sensitivities the algebraic unknowns have theirs behind them
-            settled_now = unknowns if moved is None or self.loops is None else self._settled(states, unknowns, p, times)
-            return times, traced(states, settled_now, {}), settle if self.loops is not None and moved is None else None
+            with_tangents = start_tangent is not None
+            settled_now = self._settled(states, unknowns, p, times) if with_tangents and self.loops is not None else unknowns
+            return times, traced(states, settled_now, {}), None if self.loops is None or with_tangents else settle
 
         statistics = {k: v for k, v in self.integrator.stats().items() if k in COUNTED}
         return replace(traced(x, z, statistics), between=between if self.dense else None)

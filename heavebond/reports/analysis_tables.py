@@ -222,5 +222,5 @@ def _margin_items(points: Mapping[str, Crossings]) -> list[Item]:
             for name, crossings in points.items()]
     return [ResultTable("", ("operating point", "closed loop", "gain margin, up", "down", "phase margin", "at",
                              "delay margin"), rows, 2),
-            *(Line(f"{name}: {found.verdict}: {listing(found.reasons)}") for name, found in points.items()
-              if found.reasons)]
+            *(Line(f"{name}: {at_point.verdict}: {listing(at_point.reasons)}") for name, at_point in points.items()
+              if at_point.reasons)]

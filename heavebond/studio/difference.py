@@ -39,12 +39,13 @@ def differences(before: Model, after: Model) -> list[Entry]:
                           ("start", [_starts(m) for m in (before, after)]), ("run", [_run(m) for m in (before, after)])):
         first, second = values
         for path in {**first, **second}:
-            was, now = first.get(path), second.get(path)
-            if (was and was[0]) == (now and now[0]) or (about in ("part", "value", "wire") and not of_equal_parts(path)):
+            earlier, later = first.get(path), second.get(path)
+            if (earlier and earlier[0]) == (later and later[0]) or (
+                    about in ("part", "value", "wire") and not of_equal_parts(path)):
                 continue
-            mark = "added" if was is None else "removed" if now is None else "changed"
-            entries.append({"about": about, "mark": mark, "path": path, "before": was[1] if was else "",
-                          "after": now[1] if now else ""})
+            mark = "added" if earlier is None else "removed" if later is None else "changed"
+            entries.append({"about": about, "mark": mark, "path": path, "before": earlier[1] if earlier else "",
+                            "after": later[1] if later else ""})
     return entries
 
 

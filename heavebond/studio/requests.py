@@ -41,8 +41,8 @@ async def _list(tab: Tab, _: dict[str, Any]) -> Answer:
 
 
 async def _difference(tab: Tab, message: dict[str, Any]) -> Answer:
-    other = await asyncio.to_thread(tab.folder.read, str(message["other"]))
-    return await tab.checker.ask("difference", Job(other.text, str(other.path), other.name), tab.job(message))
+    other_file = await asyncio.to_thread(tab.folder.read, str(message["other"]))
+    return await tab.checker.ask("difference", Job(other_file.text, str(other_file.path), other_file.name), tab.job(message))
 
 
 async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
