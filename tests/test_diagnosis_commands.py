@@ -6,6 +6,7 @@ Nothing here may reach the search: every mistake is told before it.
 from __future__ import annotations
 
 import errno
+import re
 import shutil
 from pathlib import Path
 
@@ -97,9 +98,7 @@ no effect of class 'dry fricton' fits in this diagram [class-unknown]
 """),
     (("diagnose", "receiver_rig/choked", "--only", "dry friction"), """\
 no effect of class 'dry friction' fits in this diagram [class-unknown]
-  Classes: choked flow, dead band, delay, gain by direction, heat exchange, lag, leakage, line resistance, nonlinear \
-characteristic, polytropic exponent, rate limit, saturation, sensor drift, sensor gain, sensor offset, unknown law, \
-value of a parameter.
+  Classes: choked flow, ..., heat exchange, ..., unknown law, value of a parameter.
 """),
     (("diagnose", "passive_rig/friction", "--only", "dry"), """\
 no effect of class 'dry' fits in this diagram [class-unknown]
@@ -125,7 +124,8 @@ choked.yaml and friction.yaml have different records or channels, so their error
 def test_what_is_said_of_a_mistake(words: tuple[str, ...], said: str, folder: Path) -> None:
     answer = call(*words)
     assert answer.exit_code == 2
-    assert answer.stderr == said
+    # `...` stands for classes that the library may gain
+    assert re.fullmatch(re.escape(said).replace(re.escape(", ..., "), ", (?:[^\n]*, )?"), answer.stderr), answer.stderr
     assert not list(folder.iterdir())
 
 

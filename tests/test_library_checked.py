@@ -5,14 +5,23 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from library_check import CHECKED, agree, checks, part
 
-from heavebond.language.library import bundled, library
+import heavebond as hb
+from heavebond.language.library import bundled, example, library
 
 for _path in sorted(Path(__file__).parent.glob("test_library_*.py")):
     if _path.stem != Path(__file__).stem:
         importlib.import_module(_path.stem)
+
+# components whose example has the formula of the source beside an output: `force` and `force_expected`
+EXPECTED = "_expected:"
+BY_EXAMPLE = {name: path for name in library().names()
+              if (path := example(library().component(name))) is not None and EXPECTED in path.read_text(encoding="utf-8")}
+for _name in BY_EXAMPLE:
+    CHECKED.setdefault(_name, []).append(f"{__name__}.test_an_example_agrees_with_the_formula_in_it")
 
 FOLDERS = ("bond_graph", "electrical", "hydraulic", "planar", "pneumatic", "rotational", "signal", "spatial", "thermal",
            "thermohydraulic", "translational")
@@ -23,6 +32,19 @@ def test_every_component_is_compared_with_its_source(folder: str) -> None:
     names = [name for name in library().names() if library().component(name).path.parent.name == folder]
     assert names
     assert not [name for name in names if name not in CHECKED]
+
+
+@pytest.mark.parametrize("name", BY_EXAMPLE)
+def test_an_example_agrees_with_the_formula_in_it(name: str) -> None:
+    """At all output points; 1e-6 of the largest value: the algebraic unknowns are accurate to the tolerance of Newton's
+    method."""
+    result = hb.simulate(hb.load(BY_EXAMPLE[name]))
+    labels = [label for label in result.assembly.model.show if f"{label}_expected" in result.assembly.model.show]
+    assert labels
+    for label in labels:
+        values, expected = result.display[label], result.display[f"{label}_expected"]
+        assert np.ptp(expected) > 0
+        assert values == pytest.approx(expected, rel=1e-6, abs=1e-6*np.abs(expected).max())
 
 
 def test_no_component_is_named_that_does_not_exist() -> None:
