@@ -62,7 +62,7 @@ simulate: {until: 2 s, every: 10 ms}
 RADIATION = ("components: {glow: {is: HeatRadiation, A: 600 cm**2, epsilon: 0.8}}\n"
              "nodes: {block: [+glow.a], room: [+glow.b]}\n")
 WALLS = ("components: {walls: {is: HeatStorage, G: 6 W/K, tau: 25 min}}\n"
-         "nodes: {block: [+walls.a]}\ninitial: {walls.T: 22 degC}\n")
+         "nodes: {block: [+walls.a]}\ninitial: {walls.T: 32 degC}\n")
 BRUSHES = ("components: {brushes: {is: BrushContact, U_b: 0.8 V}}\n"
            "nodes: {plus: [-motor.a, +brushes.a], inside: [brushes.b, motor.a]}\n")
 
@@ -108,6 +108,7 @@ def test_radiation_of_a_hot_block_is_told_from_other_losses_and_from_the_sensors
 
 @pytest.mark.long
 def test_walls_that_store_heat_are_told_from_losses_and_from_a_larger_block(tmp_path: Path) -> None:
+    """The walls are warmer than the block when a record begins."""
     said = found(tmp_path, OVEN, WALLS, ("70 min", "95 min"),
                  {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
                  ("heater.u", "power"), "{contact.R: 0.11 K/W +- 20 %, air.R: 0.8 K/W +- 40 %}",

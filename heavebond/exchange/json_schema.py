@@ -276,7 +276,8 @@ def _effect(domain: Schema) -> Schema:
     one = _object({
         "class": TEXT, "description": TEXT, "attaches": {"anyOf": [attaches, {"type": "array", "items": attaches}]},
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
-        "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA, "varies_with": WORDS,
+        "start": _each(FORMULA), "settled": WORDS, "begins": _each(TEXT),
+        "requires": _each(WORDS), "acts": FORMULA, "varies_with": WORDS,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
         ["class", "description"], "use as a candidate for a missing effect")
     return {"anyOf": [one, {"type": "array", "items": one}]}

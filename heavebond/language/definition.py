@@ -224,8 +224,9 @@ class Effect:
     other parameters that are sought; also: further ports and the domain on whose nodes they are tried; replaces: the
     components that it replaces, with `start` giving its parameters as formulas of the `old` one: an amplitude under
     `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are zero at the
-    start of a record if the record leaves them open, because the machine runs already; meaning: a sentence on the effect
-    with its values; requires: kinds of components of which one must be on the node of a port, kinds
+    start of a record if the record leaves them open, because the machine runs already; begins: parameters of the state at
+    the start of a record, each with the range in which it is sought separately for every record; meaning: a sentence on the
+    effect with its values; requires: kinds of components of which one must be on the node of a port, kinds
     after EXCLUDES of which none may be, or that a variable REVERSES in the records; acts: a quantity that is above zero
     while the effect acts; varies_with: for the factor of a parameter, the kind of its input (see VARIES_WITH).
     """
@@ -244,6 +245,7 @@ class Effect:
     requires: dict[str, tuple[str, ...]] = field(default_factory=dict)
     acts: Formula | None = None
     varies_with: tuple[str, ...] = ()
+    begins: dict[str, SearchRange] = field(default_factory=dict)
 
 
 REVERSES = "reverses"  # `requires:` of a variable: that it moves in both directions

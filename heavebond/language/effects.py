@@ -33,7 +33,7 @@ from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
-KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled",
+KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also", "replaces", "start", "settled", "begins",
         "meaning", "requires", "acts", "varies_with")
 
 
@@ -165,7 +165,8 @@ class EffectReader:
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
             read_meaning(entry.items.get("meaning"), self.problems),
             self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
-            self._varies_with(entry.items.get("varies_with"), attaches))
+            self._varies_with(entry.items.get("varies_with"), attaches),
+            self._shapes(entry.items.get("begins"), "begins"))
         self._check(entry)
         self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
         return effect

@@ -125,6 +125,7 @@ class Candidate:
     * old: component of the replaced part.
     * acts: quantity of the diagram that is positive while the effect acts.
     * reverses: True if the effect acts only if the motion reverses.
+    * begins: parameters of the state at the start, with a value for each record.
     """
 
     name: str
@@ -142,6 +143,7 @@ class Candidate:
     old: str = ""
     acts: str = ""
     reverses: bool = False
+    begins: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -166,7 +168,7 @@ class Candidate:
     @property
     def varies(self) -> bool:
         """True if the candidate varies a parameter of the diagram with a variable, with time or between records."""
-        return self.attaches == "parameter" or bool(self.change.each)
+        return self.attaches == "parameter" or not self.change.each.keys() <= {*self.begins}
 
     @property
     def differs(self) -> bool:
@@ -301,6 +303,9 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, placed: 
         placed = [replace(c, acts=component.in_diagram(acts, c.name)) for c in placed]
     if any(REVERSES in required for required in effect.requires.values()):
         placed = [replace(c, reverses=True) for c in placed]
+    for key, sought in effect.begins.items():
+        placed = [replace(c, begins=(*c.begins, f"{c.name}.{key}"), change=replace(
+            c.change, each={**c.change.each, f"{c.name}.{key}": sought.range})) for c in placed if sought.range is not None]
     reasons = {c.label: _lacking(site, component, effect, c) for c in placed} if effect.requires else {}
     site.excluded.update({label: reason for label, reason in reasons.items() if reason})
     return [c for c in placed if not reasons.get(c.label)]

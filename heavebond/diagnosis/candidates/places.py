@@ -196,7 +196,8 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
         further += [n for n in repeat.numbers if n.name.rpartition(".")[2] in apart]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
     place = " and ".join(c.place for c in group)
-    return replace(first, place=place, where=where, change=change, acts="", members=tuple(c.label for c in group),
+    return replace(first, place=place, where=where, change=change, acts="",
+                   members=tuple(c.label for c in group), begins=tuple(n for c in group for n in c.begins),
                    numbers=(*(n if key in apart else replace(n, parts=tuple(parts)) for key, n in numbers.items()),
                             *further))
 
