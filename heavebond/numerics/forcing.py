@@ -284,7 +284,11 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
 
 def _angles(parts: list[ca.SX], time: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """The arguments (y, x) of each atan2 that depends on the time: it jumps where y changes its sign at negative x."""
-    waiting, visited, pairs = [ca.cse(stack(parts))[k] for k in range(len(parts))], set[int](), list[tuple[ca.SX, ca.SX]]()
+    together = ca.cse(stack(parts))
+    function = ca.Function("f", [stack(ca.symvar(together))], [together])
+    if not any(function.instruction_id(k) == ca.OP_ATAN2 for k in range(function.n_instructions())):
+        return []
+    waiting, visited, pairs = split(together), set[int](), list[tuple[ca.SX, ca.SX]]()
     while waiting:
         node = waiting.pop()
         if node.element_hash() in visited or node.is_constant() or node.is_symbolic():

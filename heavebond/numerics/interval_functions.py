@@ -157,7 +157,10 @@ def _product(a: _Range, b: _Range) -> tuple[ca.SX, ca.SX]:
     def times(x: ca.SX, y: ca.SX) -> ca.SX:
         # 0 * inf is 0: an infinite bound belongs to a value that is finite
         product = operation(ca.OP_MUL, [x, y])
-        return product if a.finite and b.finite else ca.if_else(ca.logic_or(x == 0, y == 0), 0, product)
+        for factor, other in ((x, b), (y, a)):
+            if not other.finite:
+                product = operation(ca.OP_IF_ELSE_ZERO, [operation(ca.OP_NE, [factor, ca.SX(0)]), product])
+        return product
 
     corners = [times(x, y) for x in a.ends for y in b.ends]
     return (reduce(lambda x, y: operation(ca.OP_FMIN, [x, y]), corners),
