@@ -214,7 +214,7 @@ def test_table_of_the_full_model() -> None:
     assert [round(100 * (stated[k] / PUBLISHED[k] - 1)) for k in (10, 11)] == [14, -15]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_seven_cells_with_the_full_model() -> None:
     """Within the ranges, by the command of the page that sets values."""
     (command, stated), = (one for one in confirmed_on_the_page() if "zeta=1 " in one[0])

@@ -411,10 +411,13 @@ def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
 
 @pytest.mark.long
 def test_a_crane_compensates_heave_and_lands_its_load() -> None:
+    """The numbers are those of the page on machines in space, as it rounds them."""
     run = hb.simulate(hb.load("spatial/landing_crane"))
     calm, landed = (run.time > 15) & (run.time < 35), run.time > 65
     load, head = (np.std(np.asarray(run[name])[calm]) for name in ("load.z", "tip.z"))
-    assert load < 0.1*head  # a feed-forward with the mean of the gains of the valve in both directions
+    # a feed-forward with the mean of the gains of the valve in both directions
+    assert [load, head] == pytest.approx([0.015, 0.178], abs=0.0005)
+    assert run.si["contact"].max() == pytest.approx(251e3, abs=500)
     contact = run.si["contact"]
     # the load accelerates with the deck by some 2 % of g; the indentation of the pads is some 20 mm
     assert contact[landed] == pytest.approx(25e3*G, rel=0.03) and contact.max() < 1.1*25e3*G

@@ -210,11 +210,14 @@ def crane(folder: Path) -> Path:
     return save_animation(animate(hb.load("mechanisms/crane"), "15 s"), folder / "crane.gif", speed=3)
 
 
-def in_space(folder: Path) -> list[Path]:
-    """The robot arm in motion, and the platform on its cylinders."""
+def in_space(folder: Path, points: int | None = None) -> list[Path]:
+    """The robot arm in motion, the platform on its cylinders, and the crane after the landing; the crane after as many seconds
+    as `points`, if given."""
+    seconds = 66 if points is None else points
     return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
             save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s"),
-            save_animation(animate(hb.load("spatial/landing_crane")), folder / "landing_crane.png", at="66 s")]
+            save_animation(animate(hb.load("spatial/landing_crane"), f"{seconds} s"), folder / "landing_crane.png",
+                           at=f"{seconds} s")]
 
 
 def swept(folder: Path) -> list[Path]:
