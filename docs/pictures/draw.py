@@ -211,7 +211,7 @@ def crane(folder: Path) -> Path:
 
 
 def in_space(folder: Path, points: int | None = None) -> list[Path]:
-    """The robot arm in motion, the platform on its cylinders, and the crane after the landing (or after `points` seconds)."""
+    """The robot arm in motion, the platform on its cylinders, and the crane after its landing (or after `points` s)."""
     seconds = 66 if points is None else points
     return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
             save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s"),
