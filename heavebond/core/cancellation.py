@@ -128,9 +128,11 @@ def last_heard() -> int:
 
 @contextmanager
 def finishing(say: Progress) -> Iterator[None]:
-    """Answer the first Ctrl-C inside by `say` only, so that the result of a long search is not lost in the seconds of its
-    completion; obey the second one. The same holds for SIGTERM if it is handled. Nothing changes outside the main
-    thread, which receives no signals, or if they are ignored, as in jobs that a shell has put into the background."""
+    """Ignore the first Ctrl-C inside the context except for a message by `say`; the second one ends the computation.
+
+    The result of a long search is then not lost while it is completed. SIGTERM is treated alike if it is handled. Nothing
+    changes outside the main thread, which receives no signals, or if the signals are ignored, as in background jobs of a
+    shell."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
     handled = [number for number, handler in before.items() if callable(handler)]
     if threading.current_thread() is not threading.main_thread() or not handled:

@@ -87,26 +87,26 @@ class Simplified:
 
     def __repr__(self) -> str:
         return brief(self, self.original.name, f"{self.states[0]} states before, {self.states[1]} after",
-                     f"neutralised: {listing([one.component for one in self.removed]) or 'nothing'}",
+                     f"neutralised: {listing([trial.component for trial in self.removed]) or 'nothing'}",
                      *(f"{name} moves by {number(100 * error, 3)} %" for name, error in list(self.errors.items())[:8]))
 
     @property
     def removed(self) -> tuple[Tried, ...]:
         """The components without effect in the reduced diagram."""
-        return tuple(one for one in self.tried if not one.kept)
+        return tuple(trial for trial in self.tried if not trial.kept)
 
     def diagram(self, path: Path) -> str:
         """The text of the reduced diagram at `path`, which extends the original one."""
         whole = Step()
-        for one in self.removed:
-            whole = whole.joined(one.step)
+        for trial in self.removed:
+            whole = whole.joined(trial.step)
         return whole.diagram(path.stem, f"{self.original.name} without what is little active.",
                              extended_from(path, self.original.path))
 
     def as_dict(self) -> dict[str, object]:
         """The result as a dictionary for JSON."""
-        return {"tried": [{"component": one.component, "activity_share": one.share, "set": one.step.settings,
-                           "removed": list(one.step.removed), "kept": one.kept} for one in self.tried],
+        return {"tried": [{"component": trial.component, "activity_share": trial.share, "set": trial.step.settings,
+                           "removed": list(trial.step.removed), "kept": trial.kept} for trial in self.tried],
                 "errors": self.errors, "states": {"before": self.states[0], "after": self.states[1]}}
 
 

@@ -153,10 +153,10 @@ class OperatingPoints:
         assembly = self.assembly.with_parameters(parameters)
         if self.assembly.flat.zeros and assembly.flat is not self.assembly.flat:
             raise other_states(self.assembly)
-        other = assembly.p != self.assembly.p
-        moved = _solved(assembly, self.equations, replace(point, p=np.where(other, assembly.p, point.p)))
-        change = np.abs(_solved(assembly, self.equations, moved, 1).z - moved.z)
-        return moved if (change <= 1e-9 * (np.abs(moved.z) + assembly.z_nominal)).all() else self.at(parameters)
+        differing = assembly.p != self.assembly.p
+        moved_point = _solved(assembly, self.equations, replace(point, p=np.where(differing, assembly.p, point.p)))
+        change = np.abs(_solved(assembly, self.equations, moved_point, 1).z - moved_point.z)
+        return moved_point if (change <= 1e-9 * (np.abs(moved_point.z) + assembly.z_nominal)).all() else self.at(parameters)
 
     def _with_constant_delays(self, point: Point) -> Point:
         """A point of a run with its inputs expanded about its time, and delayed variables as they are there."""

@@ -34,8 +34,8 @@ BLOCKS = {"K": "a MatrixGain", "C": "a LinearSystem or a DiscreteStateSpace", "F
 class OptimalConstants:
     """The constants of an optimal design.
 
-    soft: softness of a limit of a measured value, relative to the largest response of this value to a correction of 1: the
-        value exceeds its limit by the square of it, as a share of the correction that the limit requires. Origin: four
+    soft: softness of a limit of a measured value, relative to the largest response of this value to a correction of 1. The
+        value exceeds its limit by the square of `soft`, as a share of the correction that the limit requires. Origin: four
         digits of the correction. Doubled: 4 times the excess.
     decay: rate of a pole of the regulator, as a share of the largest pole, from which it counts as decaying. Origin:
         rounding of eigenvalues. Doubled: nothing.
@@ -114,9 +114,10 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
     """An LQG controller for a block of a diagram, from the linearised machine without that block.
 
     The `block` is a `LinearSystem` or a `DiscreteStateSpace`; `at` is the operating point of `state_space`.
-    `weigh` are signals or formulas and the deviations that count as 1 (Bryson's rule), `effort` the same for the outputs of
-    the block, `disturbances` signals or forces to which white noise is added and the roots of its spectral density for 1 Hz,
-    and `noise` the same for the inputs of the block. Plain numbers are in SI; a text has the unit of its signal. A sampled
+    `weigh` are signals or formulas, each with the deviation that counts as 1 (Bryson's rule); `effort` are these deviations
+    for the outputs of the block. `disturbances` are signals or forces with added white noise, each with the root of its
+    spectral density for 1 Hz; `noise` are these roots for the inputs of the block. Plain numbers are in SI; a text has the
+    unit of its signal. A sampled
     plant is discretised exactly with its delays. The margins of the loops through the outputs of the block are computed at
     the operating point and at further `points`, which are values of parameters by name. Raises UsageError for units of
     another dimension, and for numbers that are not above 0.

@@ -321,9 +321,9 @@ class EventIntegration:
             self.delays.sample(times, self._sources(state, times, y, z, beside), beside)
 
     def _sample_call(self, state: EventState, times: Array, y: Array, z: Array) -> None:
-        """Add the points (n,) of a call of the integrator to the history of the delays. Where a source changes more between
-        two points than the history shows, such as a short function of time that no state follows, samples between them
-        are added; the states there are interpolated."""
+        """Add the points (n,) of a call of the integrator to the history of the delays. If a source changes more between two
+        points than the history shows (a short function of time that no state follows), samples between them are added,
+        with interpolated states."""
         delays, n = self.delays, len(times)
         if delays is None or not n:
             return

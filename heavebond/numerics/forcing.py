@@ -200,7 +200,7 @@ class Forcing:
         return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
 
     def felt(self, p: Array, begin: float, x: Array | None = None) -> Array:
-        """The values on which the functions depend: parameters, and the first time and values of states."""
+        """The values on which the functions of time depend: parameters, the start time, and states at the start."""
         values = p[self._felt] if len(p) else p
         if not self.follows_states:
             return np.asarray(values)

@@ -1,10 +1,10 @@
-"""Motions between the points of a run: where a state changes by more than its rates at two points explain.
+"""Motions between the points of a run: intervals in which a state changes by more than the rates at both ends explain.
 
 The points between the output points are placed evenly or follow the steps on the average. An impact, a pressure peak or a
 spool stroke within one interval leaves no value at any point, but a change of a state: a body flies on at another speed, and
 its acceleration is zero at both ends of the interval. Such an interval is integrated once more, from the point at its
-begin, with points inside, and these are searched in the same way. A motion after which every state and rate has its value
-from before is not noticed.
+begin, with points inside, and these are searched in the same way. A motion is not noticed if every state and rate has the
+same value before and after it.
 """
 
 from __future__ import annotations

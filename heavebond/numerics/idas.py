@@ -52,8 +52,8 @@ class Tolerances:
 
 
 def time_unit(stops: Array) -> float:
-    """The unit (s) of the time that CasADi integrates in: a second, or a power of two in which no two stops are closer than
-    one. SUNDIALS takes the same steps in any power of two, to the last bit."""
+    """The unit (s) of the time of CasADi's integrator: a second, or a shorter power of two so that two stops differ by at
+    least one unit. SUNDIALS takes the same steps in units of any power of two, to the last bit."""
     gaps = np.diff(stops)
     shortest = float(np.min(gaps, where=gaps > same_instant(float(stops[0]), float(stops[-1])), initial=np.inf))
     return 1.0 if shortest >= SHORTEST else float(2.0 ** np.floor(np.log2(shortest)))

@@ -280,8 +280,8 @@ class EventEquations:
         return point, yielded
 
     def breaking(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
-        """The point with the contacts that are at their limits, and the events that happen: those of `fired`, with the
-        breakaways of other contacts.
+        """The point with the contacts at their limits, and the events that happen: the events `fired` and the breakaways of
+        other contacts.
 
         A contact breaks away only if the bodies then move. With all contacts at their limits reduced to `EVENTS.reduced` of
         their forces, a contact moves if its speed changes by more than `EVENTS.held` of its change in the case that no other

@@ -83,8 +83,8 @@ class Jump:
 
 def passed_jumps(run: Result) -> list[Jump]:
     """The conditions of states at which the equations jump during a run, each with its first time between two points of the
-    run. No event happens there: solvers shorten their steps, but sensitivities lack the jump of their own,
-    (f_before - f_after) dt by the change dt of the instant."""
+    run. No event happens there. Solvers shorten their steps, but sensitivities lack their jump (f_before - f_after) dt,
+    with dt the change of the instant."""
     assembly = run.assembly
     if run.stays:
         return []

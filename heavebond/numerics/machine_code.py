@@ -51,8 +51,8 @@ class CompilingConstants:
     max_operations: operations up to which functions are compiled. Origin: measured up to 63 000 (10 s, 350 MB); a compiler
         takes more than proportional time and memory for longer functions. Doubled: compilations of a minute.
     saved: share of the time of a run that machine code saves. Origin: measured, 15 to 30 % of plain runs. Doubled: single
-        runs are compiled that then take longer by as much as compiling takes.
-    timeout: seconds after which the compiler is ended, where this program starts it. Origin: a bound. Doubled: nothing.
+        runs are compiled, and take longer by the time of the compilation.
+    timeout: seconds after which a compiler that this program started is ended. Origin: a bound. Doubled: nothing.
     """
 
     seconds: float = 0.1

@@ -1,16 +1,16 @@
 """Runs for searches: measured inputs are looked up by time inside the equations.
 
-`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which
-splits its steps: three to six times as many as the motion asks for. Here the pieces are a table over time within the
-equations. The integrator (CVODES if there are no algebraic unknowns, with fewer evaluations a step than IDAS) steps over the
-samples under its error control. Results of a search are reported from runs of `Simulator`.
+`Simulator` stops at every sample and gives the integrator a new polynomial piece of each input, which takes three to six
+times as many steps as the motion requires. Here the pieces are a table over time within the equations. The integrator
+(CVODES if there are no algebraic unknowns, with fewer evaluations a step than IDAS) steps over the samples under its error
+control. Results of a search are reported from runs of `Simulator`.
 
 If a C compiler is present, a compiled program calls CVODES and evaluates the equations (see `compiled_cvodes`): two to
 four times as fast for a machine of few states.
 
-An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Multistep methods begin each stretch with
-their lowest order and shortest steps. If that takes many evaluations a sample and nothing is compiled, a one-step method is
-used instead, which needs one or two steps.
+The integrator stops at every jump of an input (`interpolation: hold`). Multistep methods begin each stretch with their
+lowest order and shortest steps. If that takes many evaluations a sample and nothing is compiled, a one-step method is used
+instead, which needs one or two steps.
 """
 
 from __future__ import annotations

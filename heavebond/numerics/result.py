@@ -150,7 +150,7 @@ class Result(facade.Displayed):
         return tuple(name for name, yes in zip(chosen, depends, strict=True) if yes)
 
     def without_value(self, names: Iterable[str]) -> Verdict:
-        """The verdict on signals: that each has a value at the output times. The verdict of the run names its unknowns."""
+        """The verdict on signals without a value at some output times. The verdict of the run covers its unknowns."""
         def undecided(name: str, values: Array) -> NDArray[np.bool_]:
             if self.stays or not np.isnan(values).any():
                 return np.zeros(len(values), bool)

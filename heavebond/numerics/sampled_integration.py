@@ -138,7 +138,7 @@ class SampledIntegration(CompiledCvodes):
         self._problem.step = 0.0
 
     def go_on(self, state: EventState, targets: Targets) -> Passed:
-        """Integrate from a state through the targets as far as the program can."""
+        """Integrate from a state over the targets, up to the first one that the program cannot pass."""
         equations, problem, m, n = self.equations, self._problem, self.m, len(targets.times)
         self._renew()
         hoisted = np.ascontiguousarray(equations.hoist(np.concatenate([state.p, self.factors, np.zeros(self.n_events)]))[
@@ -178,7 +178,7 @@ def _address(values: Any) -> int | None:
 def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadratures: ca.SX | None,
                         factors: Factors | None, begin: float, tolerances: Tolerances, most_steps: int, longest: float,
                         dense: bool, same: float) -> SampledIntegration | None:
-    """The compiled program for an assembly; None if it does not serve."""
+    """The compiled program for an assembly; None if it cannot integrate this assembly, or would not save time."""
     flat, order = assembly.flat, assembly.update_order
     timed = [event for event in flat.events if event.indicator is None]
     if flat.delays or any(event.impulse is not None or event.ends for event in timed) \

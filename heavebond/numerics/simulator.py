@@ -491,7 +491,7 @@ class Simulator:
             return in_states(assembly, np.arange(len(keep)), trace.x, trace.z, stays)
 
         def with_hidden(points: Points) -> Points:
-            """Points of this run and those of the motions between them."""
+            """The points of this run, and the points of the motions between them."""
             return points if start_tangent is not None or not self.looks_between else HiddenMotions(
                 assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
 
@@ -756,7 +756,7 @@ class Simulator:
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
-        """The failure of the integrator with the state shortly before."""
+        """The failure of the integrator, with the state shortly before it."""
         stopped = self._stop_time(times)
         if self.switching is None or self.switching.last is None:
             return Stop(assembly, stopped, self._state_before(assembly, first, stopped))
@@ -837,9 +837,9 @@ class Simulator:
         return replace(traced(x, z, statistics), between=between if self.dense else None)
 
     def _with_first_interval(self, first: Start, x: Array, z: Array, p: Array) -> tuple[Array, Array, Array]:
-        """The stops (N,) with scaled states (n, N) and algebraic unknowns. If the states change much in the first interval,
-        which is not divided in the run, it is integrated again with points between. Where the stops are closer than a
-        thousandth of the run, their intervals up to there are the first."""
+        """The stops (N,) with scaled states (n, N) and algebraic unknowns. The first interval is not divided in the run. If
+        the states change much in it, it is integrated again with points between. It is at least a thousandth of the run:
+        shorter intervals at the begin are joined."""
         assembly, stops = self.assembly, self.stops
         share = (stops[-1] - stops[0]) / POINTS
         last = max(int(np.searchsorted(stops, stops[0] + share * (1 + 1e-9), side="right")) - 1, 1)

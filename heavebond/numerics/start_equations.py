@@ -326,7 +326,7 @@ class StartEquations:
 
     @cached_property
     def conditions(self) -> StartSystem:
-        """The conditions alone, without the loops."""
+        """The conditions of the start alone, without the algebraic loops."""
         return self._system(self.rows[len(self.loops):])
 
     @cached_property

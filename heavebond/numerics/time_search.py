@@ -218,8 +218,8 @@ def short_motions(course: Course, p: Array, times: Array, edges: Array) -> Narro
 
 
 def _hidden(course: Course, p: Array, times: Array, mesh: Array, rows: NDArray[np.intp], ranges: Array) -> Array:
-    """The points of a mesh in those output intervals in which a function leaves the straight line between both ends, and
-    in which the mesh is much finer than the output times."""
+    """The points of a mesh in certain output intervals: a function deviates there from the straight line between both ends,
+    and the mesh is much finer than the output times."""
     inner = mesh[(mesh > times[0]) & (mesh < times[-1])]
     if not len(inner):
         return np.zeros(0)

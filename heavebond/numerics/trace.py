@@ -55,8 +55,8 @@ class SolverChange:
 
 @dataclass(frozen=True)
 class AlternativeStates:
-    """The stops of a run at which the integrated states differ from those of the diagram, by the mask `at` (N,): x and z at
-    these as in `Trace`."""
+    """The stops of a run at which other states are integrated than the states of the diagram. `at` (N,) marks these stops; x
+    and z are their values as in `Trace`."""
 
     assembly: Assembly
     at: NDArray[np.bool_]

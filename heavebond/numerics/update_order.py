@@ -68,13 +68,13 @@ class RateTransition:
 
     @property
     def text(self) -> str:
-        """The transition, and the block that would state it."""
+        """The transition between the two sampling rates, and the block that states it."""
         return f"{self.reader} (every {readable(self.period, 's')}) reads {self.source} (every " \
             f"{readable(self.source_period, 's')}): {self.advice}"
 
     @property
     def advice(self) -> str:
-        """What the reader takes of the values of the source, and the block that would state it."""
+        """The values of the source that the reader uses, and the block that states this transition."""
         fast, slow = sorted((self.period, self.source_period))
         ratio, period, source_period = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
         if abs(ratio - round(ratio)) > SAME_RATIO * LARGEST_RATIO * ratio:

@@ -39,8 +39,8 @@ class CrossingIntervals:
 def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_]) -> CrossingIntervals:
     """Examine the intervals between times t (n+1,); indicators and rates (n_c, n+1), `true` (n_c,) at the first time.
 
-    Between two points an indicator is taken as the cubic with its values and rates, so that one that is positive in
-    between only is suspected too.
+    Between two points an indicator is interpolated by the cubic with its values and rates. An indicator that is positive
+    only between the points is therefore suspected, too.
     """
     true_before, true_after = indicators[:, :-1] > 0, indicators[:, 1:] > 0
     true_before[:, 0] = true

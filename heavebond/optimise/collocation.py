@@ -77,10 +77,12 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Programme:
-    """What is optimised: the assembly with m free inputs, the last of its inputs; `costs` (cost, then limits that are not
-    above zero), with the functionals of the reference run; bounds (m,) of the inputs in SI; whether they are `held`
-    constant between breaks; the signals and values that are prescribed `at_end`; whether the motion is `periodic` and in
-    which states; a range of the duration, or None."""
+    """An optimal control problem before its discretisation.
+
+    The last m inputs of the assembly are free, within bounds (m,) in SI, and constant between breaks if `held`. `costs` are
+    the cost and then the limits, which must not exceed zero; `references` are their functionals in the reference run.
+    `at_end` prescribes values of signals at the end. `periodic` lists the states of a periodic motion, None otherwise. The
+    duration has a range, or None."""
 
     assembly: Assembly
     costs: Sequence[Cost]

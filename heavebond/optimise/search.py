@@ -113,7 +113,7 @@ class _Seen:
         return self._recorded(self.problem.plain(np.clip(y, 0, 1)))
 
     def guarded(self, y: Array) -> Evaluation:
-        """The result of a failed run, without a run, if the machine has lost its initial stability."""
+        """Evaluate a point; without a run as a failed one if the machine has lost its initial stability there."""
         y = np.clip(y, 0, 1)
         if self.path and self.problem.calm(self.path[0].at) and not self.problem.calm(y):
             return Evaluation(y, np.inf, np.full(len(self.problem.limits), np.inf), {})
@@ -196,7 +196,7 @@ def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
 
 
 def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> Array:
-    """Radii shortened in the unknowns that cause most of a rise; all equally if there is no main cause."""
+    """Shorten the radii of the unknowns that cause most of a rise, or all radii equally if no unknown does."""
     most = float(rise.max())
     if not most > 0:
         return np.asarray(radii * share * float((np.abs(d) / radii).max()))
@@ -296,8 +296,8 @@ def _turned(old: Evaluation, new: Evaluation, forces: Array) -> Array:
 
 def _corrected(known: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
     """A curvature with small unknown parts, corrected by the error of the last step (symmetric rank one, A. R. Conn, N.
-    I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace the known curvature along the step,
-    which in a narrow valley is mostly its steep side."""
+    I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace the known curvature along the step; if the
+    minimum is narrow in one direction, this is mostly the steep direction."""
     d = new.at - old.at
     missed = _turned(old, new, forces) - known @ d
     along = float(missed @ d)

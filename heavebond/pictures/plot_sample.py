@@ -116,21 +116,22 @@ def shares(result: StudyResult, picture: Picture) -> Figure:
     """Sensitivity indices: bars for a parameter alone and with the others, with their 95 % intervals; to first order from
     slopes if the sample is `local`."""
     estimates: list[Indices | Slopes] = [*indices(result), *slopes(result)]
-    drawn_estimates = [one for one in estimates if one.quantity in picture.names]
+    drawn_estimates = [estimate for estimate in estimates if estimate.quantity in picture.names]
     longest = max((len(i.parameters) for i in drawn_estimates), default=1)
     figure, panels = _column(picture, [", ".join(filter(None, (i.quantity, i.others))) for i in drawn_estimates], 0.8 + 0.3
                              * longest)
-    for panel, one in zip(panels, drawn_estimates, strict=True):
-        order = np.argsort([-v for v in (one.total if isinstance(one, Indices) else one.share)])
+    for panel, estimate in zip(panels, drawn_estimates, strict=True):
+        order = np.argsort([-v for v in (estimate.total if isinstance(estimate, Indices) else estimate.share)])
         places = np.arange(len(order))
-        rows = [(one.first, one.first_interval, "alone"), (one.total, one.total_interval, "with the others")] \
-            if isinstance(one, Indices) else [(one.share, None, "to first order")]
+        rows = [(estimate.first, estimate.first_interval, "alone"),
+                (estimate.total, estimate.total_interval, "with the others")] \
+            if isinstance(estimate, Indices) else [(estimate.share, None, "to first order")]
         for k, (values, intervals, label) in enumerate(rows):
             centre = np.array(values)[order]
             spread = None if intervals is None else np.abs(np.array(intervals)[order].T - centre)
             panel.barh(places + (k - (len(rows) - 1) / 2) * 0.38, centre, 0.36 if len(rows) > 1 else 0.7, xerr=spread,
                        color=COLOURS[k], label=label, error_kw={"linewidth": 0.8, "capsize": 2})
-        panel.set_yticks(places, [one.parameters[k] for k in order])
+        panel.set_yticks(places, [estimate.parameters[k] for k in order])
         panel.invert_yaxis()
         panel.set_xlim(left=min(0.0, panel.get_xlim()[0]))
         panel.set_xlabel("share of the variance")

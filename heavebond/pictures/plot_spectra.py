@@ -66,5 +66,5 @@ def plot_spectra(analyses: Sequence[SignalAnalysis]) -> Figure:
         return figure
 
 
-def _unit(one: SignalAnalysis) -> str:
-    return unit_label(one.course.unit) if one.course.unit else "unit of the file"
+def _unit(analysis: SignalAnalysis) -> str:
+    return unit_label(analysis.course.unit) if analysis.course.unit else "unit of the file"

@@ -78,12 +78,12 @@ def read_clock(cells: Sequence[str]) -> Clock:
         import pandas as pd
 
         date_matches = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
-        for k, one in zip(known, date_matches, strict=True):
-            if one is None:
+        for k, date_match in zip(known, date_matches, strict=True):
+            if date_match is None:
                 raise _unreadable(cells[k].strip(), k)
-        matches = [one for one in date_matches if one is not None]
+        matches = [date_match for date_match in date_matches if date_match is not None]
         swapped = _day_first(matches, [cells[k].strip() for k in known], known)
-        written = [_iso(one, swapped) for one in matches]
+        written = [_iso(date_match, swapped) for date_match in matches]
         read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
         wrong = np.flatnonzero(read.isna().to_numpy())
         if len(wrong):
@@ -102,12 +102,13 @@ def _iso(match: re.Match[str], day_first: bool) -> str:
 
 def _day_first(matches: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:
     """True if the day is before the month in dates with the year last; ClockProblem if the order is ambiguous."""
-    dates = [(int(one["one"]), int(one["two"])) for one in matches if one.re is _YEAR_LAST]
-    if not dates or all(one["mark"] == "." for one in matches if one.re is _YEAR_LAST) or any(a > 12 for a, _ in dates):
+    dates = [(int(match["one"]), int(match["two"])) for match in matches if match.re is _YEAR_LAST]
+    if not dates or all(match["mark"] == "." for match in matches if match.re is _YEAR_LAST) or any(a > 12 for a,
+                                                                                                    _ in dates):
         return True
     if any(b > 12 for _, b in dates) or len(set(dates)) == 1:
         return False
-    k = next(k for k, one in enumerate(matches) if one.re is _YEAR_LAST)
+    k = next(k for k, match in enumerate(matches) if match.re is _YEAR_LAST)
     raise ClockProblem(f"'{cells[k]}' is ambiguous: day and month could be exchanged",
                        "Export the dates as 2024-05-01 12:00:03, or the times as seconds.", known[k])
 

@@ -319,23 +319,23 @@ def _read(unit: str, name: str = "") -> Unit:
         raise UsageError([Problem(problem.code, f"{name or 'a signal'}: {problem.message}", None, problem.hint)]) from None
 
 
-def _plain(one: Any) -> Any:
-    return one.magnitude if isinstance(one, Signal) else one
+def _plain(value: Any) -> Any:
+    return value.magnitude if isinstance(value, Signal) else value
 
 
-def _in_si(one: Any) -> Any:
+def _in_si(value: Any) -> Any:
     """An operand as plain numbers in SI; a text is a quantity."""
-    if isinstance(one, str):
-        return parse_quantity(one)[0]
-    return one.si.magnitude if isinstance(one, Signal) else _of_pint(one).si.magnitude if _is_pint(one) else one
+    if isinstance(value, str):
+        return parse_quantity(value)[0]
+    return value.si.magnitude if isinstance(value, Signal) else _of_pint(value).si.magnitude if _is_pint(value) else value
 
 
-def _is_pint(one: Any) -> bool:
-    return hasattr(one, "magnitude") and hasattr(one, "to_base_units")
+def _is_pint(value: Any) -> bool:
+    return hasattr(value, "magnitude") and hasattr(value, "to_base_units")
 
 
-def _of_pint(one: Any) -> Signal:
-    return Signal(one.magnitude, f"{one.units:~C}" or "1")
+def _of_pint(value: Any) -> Signal:
+    return Signal(value.magnitude, f"{value.units:~C}" or "1")
 
 
 def _dimension_of(ufunc: np.ufunc, inputs: tuple[Any, ...]) -> Dimension | None:

@@ -301,11 +301,11 @@ def signal(source: Signal | Run | str | Path, name: str = "", *, begin: float | 
     if isinstance(source, (str, Path)):
         course, = read_courses(Path(source), [name], time=time, begin=first, end=last)
         return SignalAnalysis(course, length, slope)
-    one = source if isinstance(source, Signal) else source[name]
-    part = one.between(first, min(last, float(one.time[-1]))) if one.time is not None else one
+    whole = source if isinstance(source, Signal) else source[name]
+    part = whole.between(first, min(last, float(whole.time[-1]))) if whole.time is not None else whole
     axis = part.time
     if axis is None:
-        raise UsageError([Problem("time-missing", f"'{one.name}' has no axis of time", None,
+        raise UsageError([Problem("time-missing", f"'{whole.name}' has no axis of time", None,
                                   "Take the signal of a run, as in `run[\"crown.x\"]`.")])
     return SignalAnalysis(evenly(part.name, part.unit, axis, part.magnitude), length, slope)
 

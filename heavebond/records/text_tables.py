@@ -251,7 +251,7 @@ def _settings(rows: Cells) -> int:
 
     The numbers begin with the first row that has a number in a column of numbers, and no text in any of these. The names
     are the row above them with a text in each of these columns; or the first of several such rows, since the second may
-    be the units. What is above was padded with empty cells, has fewer cells, or has a number itself: it cannot be names.
+    be the units. A row above them cannot be the names: it is padded with empty cells, has fewer cells, or has a number.
     """
     width = len(rows[-1][1])
     last = [cells for _, cells in rows[-max(1, min(LAST, len(rows) // 4)):] if len(cells) == width]
@@ -284,7 +284,7 @@ def _other_separator(sheet: _Sheet) -> str:
 
 
 def _without_own_name(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """The reason why a name is not that of one column, and advice, by name."""
+    """The reason why a name does not denote one column, and advice, by name."""
     columns: dict[str, list[int]] = {}
     for k, name in enumerate(names, 1):
         columns.setdefault(name, []).append(k)
