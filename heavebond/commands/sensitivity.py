@@ -27,7 +27,6 @@ from heavebond.core.errors import Problem, UsageError
 
 if TYPE_CHECKING:
     from heavebond.optimise.gradient_check import Subject, Verdict
-    from heavebond.studies.study import Study
 
 CHECKED = ("of", "parameter", "error", "at tight rtol", "step", "verdict")
 WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink", "disagrees": "DISAGREES",
@@ -96,19 +95,19 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
 def _check(file: str, of: tuple[str, ...], parameters: tuple[str, ...], settings: tuple[str, ...], until: str | None,
            rtol: float | None, backwards: bool) -> dict[str, object]:
     from heavebond.commands import terminal
+    from heavebond.language.model import find, load
     from heavebond.numerics.simulator import Tolerances
-    from heavebond.optimise.gradient_check import check_gradients
+    from heavebond.optimise.gradient_check import check_gradients, costs_of, signals_of
+    from heavebond.studies.study import load_study
+    from heavebond.text.yaml_source import read
 
-    study = _study(file)
+    study = load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
     tolerances = Tolerances(rtol, rtol / 100) if rtol else None
     sought = listed(parameters) or (list(study.tuning.free) if study else [])
     if not sought:
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None,
                                   "Add --parameter crown.m,controller.K_p.")])
     with blamed_on_settings(settings), terminal.working("running") as progress:
-        from heavebond.language.model import load
-        from heavebond.optimise.gradient_check import costs_of, signals_of
-
         if not of and study is None:
             raise UsageError([Problem("nothing-to-check", "no signal is named", None, "Add --of crown.x.")])
         if backwards and (of or study is None):
@@ -128,14 +127,6 @@ def _check(file: str, of: tuple[str, ...], parameters: tuple[str, ...], settings
             console.print(f"{verdict.quantity} to {verdict.parameter}: {verdict.why}", soft_wrap=True)
     return {"model": subject.assembly.model.name, "rtol": subject.tolerances.rtol,
             "verdicts": [_check_figures(verdict) for verdict in verdicts]}
-
-
-def _study(file: str) -> Study | None:
-    from heavebond.language.model import find
-    from heavebond.studies.study import load_study
-    from heavebond.text.yaml_source import read
-
-    return load_study(file) if "study" in read(find(file, "diagram or study")).root.items else None
 
 
 def _check_table(subject: Subject, verdicts: list[Verdict]) -> object:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import gc
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import isfinite
@@ -14,7 +16,6 @@ from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
 from heavebond.core.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
-from heavebond.core.gc_paused import put_off
 from heavebond.core.presentation import brief, count
 from heavebond.core.quantities import number_or_text
 from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_quantity
@@ -46,6 +47,22 @@ SMALLEST_PIVOT = 1e-12  # of sparse QR, the default of CasADi: a smaller pivot i
 # scaled: the linear solver does not scale rows, and loses the smaller ones of a matrix to rounding.
 FAR_GRADIENT = 1e12
 LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Disable the cyclic garbage collector in the body of a `with` statement.
+
+    While hundreds of thousands of long-lived objects are created, each collection traverses all of them again. Reference
+    counting still frees objects without cycles.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class Size(NamedTuple):
@@ -283,7 +300,7 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
     """
     if isinstance(model, Assembly):
         return model
-    with put_off():
+    with without_collection():
         diagram, wanted = loaded(model), sorted(set(also))
         reduced = reduce_flattened(lambda corners: _checked(flatten(diagram, wanted, widths, corners)))
         check()
@@ -315,7 +332,7 @@ def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[M
         if not nonzero.isdisjoint(vanishing):
             return assembly
         try:
-            with put_off():
+            with without_collection():
                 result = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
         except ModelError:
             check()
