@@ -63,6 +63,7 @@ RADIATION = ("components: {glow: {is: HeatRadiation, A: 600 cm**2, epsilon: 0.8}
              "nodes: {block: [+glow.a], room: [+glow.b]}\n")
 WALLS = ("components: {walls: {is: HeatStorage, G: 6 W/K, tau: 25 min}}\n"
          "nodes: {block: [+walls.a]}\ninitial: {walls.T: 32 degC}\n")
+INSULATION = ("components: {air: {is: ThermalWall, R: 0.8 K/W, s: 0.3, tau: 20 min}}\ninitial: {air.T: 45 degC}\n")
 BRUSHES = ("components: {brushes: {is: BrushContact, U_b: 0.8 V}}\n"
            "nodes: {plus: [-motor.a, +brushes.a], inside: [brushes.b, motor.a]}\n")
 
@@ -119,6 +120,25 @@ def test_walls_that_store_heat_are_told_from_losses_and_from_a_larger_block(tmp_
     assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
     assert finding.fit.values["heat_storage.G"] == pytest.approx(6, rel=0.05)
     assert finding.fit.values["heat_storage.tau"] == pytest.approx(1500, rel=0.05)
+
+
+@pytest.mark.long
+def test_heat_stored_inside_a_resistance_is_told_from_heat_stored_beside_it(tmp_path: Path) -> None:
+    """The insulation of the block stores heat, and is warm from an earlier run when a record begins. The temperature of the
+    room changes: beside a constant one, heat stored in the insulation acts as heat stored in the block's walls."""
+    varying = OVEN.replace("Ambient, T_0: 22 degC", "TemperatureSource, u: \"=295 K + 15 K*sin(2*pi*time/(53 min))\"")
+    said = found(tmp_path, varying, INSULATION, ("70 min", "95 min"),
+                 {"plate": ("plate.T", "degC", "0.15 K", 0.15), "block": ("block.T", "degC", "0.15 K", 0.15)},
+                 ("heater.u", "power"), "{contact.R: 0.11 K/W +- 20 %, air.R: 0.8 K/W +- 40 %}",
+                 ["heat storage", "heat capacity", "heat loss", "thermal resistance"])
+    (finding,) = said.findings
+    assert said.verdict in ("effect", "one_of"), said.words
+    assert finding.candidate.component == "ThermalWall" and finding.candidate.where == ("air",)
+    assert said.ladder[-1].chi2_held_out < 1.3 < 20 < said.ladder[1].chi2_held_out
+    # the share r and the depth s act alike; the conductance from the block into the stored heat is r/(s*R)
+    values = finding.fit.values
+    assert values["air.r"]/values["air.s"]/values["air.R"] == pytest.approx(1/0.3/0.8, rel=0.1)
+    assert "stores heat" in said.tree.effects[0].meaning
 
 
 @pytest.mark.long

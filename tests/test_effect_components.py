@@ -543,7 +543,8 @@ OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope"
        "LaminarLeakage": (CIRCUIT, "throttle", "C: 4e-10 m**3/(s*Pa)"), "PressureSource": (CIRCUIT, "tank", "p_0: 2 bar"),
        "Receiver": (GAS, "vessel", "V: 10 L"), "Hose": (CIRCUIT, "more", "C: 3e-12 m**3/Pa"),
        "Orifice": (CIRCUIT, "outlet", "q_r: 1 L/s, dp_r: 10 bar"), "Damper": (HANGING, "damper", "d: 100 N*s/m"),
-       "RotationalDamper": (SHAFT, "damper", "d: 2 N*m*s/rad")}
+       "RotationalDamper": (SHAFT, "damper", "d: 2 N*m*s/rad"),
+       "ThermalResistance": (HEAT, "path", "R: 0.2 K/W, tau: 20 s")}
 # effects that have no value at which they are absent, at the end of their range where they hardly show
 NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
           "ShaftSlip": "d: 1e7 N*m*s/rad", "LineInertance": "I: 1e5 kg/m**4",

@@ -37,6 +37,8 @@ CASES = [
     Case("heat_storage", "air.T - walls.T", lambda t: 0.25*75*(1 - np.exp(-t/75)),
          "first-order lag of 1/(20 W/K*(1/2000 + 1/6000 K/J)) behind 500 W over 2000 J/K", TIGHT),
     Case("heat_storage", "2000*air.T + 6000*walls.T", lambda t: 8000*(ZERO + 20) + 500*t, "first law", TIGHT),
+    Case("thermal_wall", "1*wall.T", lambda t: ZERO + 17 + 16*np.exp(-t/7200),
+         "exponential to 0.75*20 degC + 0.25*8 degC, the temperature at a quarter of the resistance", TIGHT),
     Case("temperature_source", "1*block.T", bath, "forced and free response of a first-order lag", TIGHT),
     Case("heat_source", "1*block.T", lambda t: ZERO + 20 + 500*t/4500, "first law", TIGHT),
     Case("thermal_resistance", "1*winding.T",

@@ -60,6 +60,20 @@ def test_heat_storage_is_a_capacity_behind_a_resistance() -> None:
     agree(found["der(T)"], (T_A - 310)/0.05/6000)
 
 
+@checks("ThermalWall")
+def test_thermal_wall_is_a_capacity_between_two_resistances() -> None:
+    """A capacity of 5000 J/K behind 0.05 K/W from a and 0.15 K/W from b; with r below 1 a resistance in parallel keeps the
+    whole one."""
+    R_a, R_b, C = 0.05, 0.15, 5000
+    tau = f"{C*R_a*R_b/(R_a + R_b)} s"
+    found = part("ThermalWall", R="0.2 K/W", r=1, s=0.25, tau=tau)({"a.T": T_A, "b.T": 290, "T": 310})
+    agree(found["a.Q"], (T_A - 310)/R_a)
+    agree(found["b.Q"], (290 - 310)/R_b, size=1.0)
+    agree(found["der(T)"], (found["a.Q"] + found["b.Q"])/C)
+    found = part("ThermalWall", R="0.2 K/W", r=0.4, s=0.25, tau="100 s")({"a.T": T_A, "b.T": 290, "T": 310})
+    agree(found["a.Q"], 0.4*(T_A - 310)/R_a + 0.6*(T_A - 290)/0.2)
+
+
 @checks("Ambient", "TemperatureSource", "HeatSource", "HeatFlowSensor", "TemperatureSensor")
 def test_sources_and_sensors_are_what_they_define() -> None:
     agree(part("Ambient", T_0="25 degC")({"a.Q": FLOWS})["a.T"], 298.15)
