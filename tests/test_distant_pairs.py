@@ -14,7 +14,7 @@ from heavebond.diagnosis.candidates.catalogue import distant_candidates, site_of
 from heavebond.diagnosis.candidates.places import between_all_nodes, candidates
 from heavebond.diagnosis.candidates.varying import varying_parameters
 from heavebond.diagnosis.evidence.residual_tests import _largest
-from heavebond.diagnosis.search import prescore
+from heavebond.diagnosis.search import prescore, step
 from heavebond.diagnosis.search.prescore import prescores, select
 from heavebond.diagnosis.search.scoring import scored
 from heavebond.diagnosis.search.step import fitted_base, make_stage
@@ -180,14 +180,49 @@ def test_a_varying_parameter_that_determines_others_has_no_prescore(tmp_path: Pa
     assert without == {"m1.m", "m2.m"} & {name for c in variations for name in c.change.vary} != set()
 
 
+def test_the_prescores_of_laws_in_signals_agree_with_the_exact_scores(tmp_path: Path) -> None:
+    """Before the inputs and in the channels of two bodies, for laws with and without amplitude zero and with states."""
+    base = fitted_base(written(tmp_path, "bodies"))
+    tried = ("SensorGain", "SensorDrift", "FirstOrderLag", "Saturation")
+    laws = [c for c in candidates(base.problem.experiment) if c.component in tried and c.attaches in ("input", "channel")]
+    first = {(p.candidate.label, *p.shapes.values(), p.along): p.z for p in prescores(base, laws)[0] if p.share > 1e-3}
+    exact = {(s.candidate.label, *s.shapes.values(), s.along): s.z for c in laws for s in scored(base, c)
+             if s.told_apart and s.side == 0}
+    pairs = np.array([(first[key], exact[key]) for key in exact if key in first])
+    assert {c.attaches for c in laws} == {"input", "channel"} and len(pairs) > 12
+    # saturation at a finite limit is not small, so that the single values differ more than those of tangents
+    assert np.corrcoef(pairs.T)[0, 1] > 0.99
+
+
+def test_a_later_step_scores_what_the_directions_of_an_earlier_one_promise(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law without a prescore is postponed if its earlier direction gives too little of the present misfit."""
+    experiment = written(tmp_path, "bodies")
+    near, distant = ([c for c in rule(experiment) if c.component in ("Spring", "SeriesCompliance") and not c.members]
+                     for rule in (candidates, between_all_nodes))
+    base = fitted_base(experiment)
+    series = [c for c in near if c.attaches == "in series"]
+    earlier = {s.candidate.label: s for c in series for s in scored(base, c)}
+    gains = {label: prescore.Prescore.of_earlier(base, s).gain for label, s in earlier.items()}
+    # the same base model: the earlier gains, apart from rounding of the projection
+    assert gains == pytest.approx({label: s.gain for label, s in earlier.items()}, rel=1e-3, abs=1e-6)
+    monkeypatch.setattr(prescore, "PROMISING", 0.0)
+    monkeypatch.setattr(prescore, "VISIBLE", 0.0)
+    low, high = 1e-6 * max(gains.values()), 1e6 * max(gains.values())
+    few, all_again = ({c.label for c in select(base, near, distant, {}, needed, earlier).selected} for needed in (high, low))
+    assert not few & earlier.keys() and all_again & earlier.keys()
+
+
 def test_near_candidates_with_small_prescores_are_scored_if_nothing_explains_the_misfit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sensor offsets do not explain the friction: the postponed laws between joined nodes are refitted."""
+    """Laws in signals as well as laws between joined nodes are postponed, and refitted if no refit explains most of the
+    misfit."""
     monkeypatch.setattr(prescore, "REFITS", 0)
     monkeypatch.setattr(prescore, "PROMISING", 2.0)
+    monkeypatch.setattr(step, "share_taken", lambda *given: 0.0)
     experiment = written(tmp_path, "bodies")
-    stage = make_stage(experiment, number=1, classes=("dry friction", "sensor offset"))
-    assert {t.candidate.kind for t in stage.trials} == {"dry friction", "sensor offset"}
+    stage = make_stage(experiment, number=1, classes=("constant force", "sensor offset"))
+    assert {t.candidate.attaches for t in stage.trials} >= {"at", "channel"}
 
 
 def test_the_largest_of_the_prescored_is_no_more_than_chance_in_noise(tmp_path: Path) -> None:

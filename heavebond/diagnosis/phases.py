@@ -305,6 +305,7 @@ def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
         beside = f" beside {listing(added.candidate.label for added in selection)}" if len(selection) > 1 else ""
         return make_stage(experiment, beside=[added.candidate for added in selection], number=task.number,
                           seconds=remaining_time(), classes=task.classes, thorough=not selection, review=review,
+                          earlier=[score for added in selection for score in added.step.scores],
                           progress=lambda text: task.say(f"step {len(selection) + 1}{beside}: {text}"))
 
     cut_short: set[str] = set()

@@ -8,7 +8,7 @@ at a node, w enters the element. Thus w rises with the across variable if power 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -163,6 +163,46 @@ def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
             pairs[key] = replace(old, components=tuple(dict.fromkeys((*old.components, owner))))
     singles = [Place((node,), tuple(dict.fromkeys(p.rpartition(".")[0] for p in node.ports))) for node in nodes.values()]
     return [*pairs.values(), *singles]
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A difference w between a signal and what a component reads of it: the equations of `owner` (a part, or a block with
+    all its parts) have the signal plus w. `signal` is the index of the unknown."""
+
+    owner: str
+    unit: Unit
+    signal: int
+
+
+def jumps_at(flat: Flat, inputs: Iterable[str]) -> dict[str, Jump]:
+    """The jumps at signal inputs (`controller.v`) of a flat model, by the names of the inputs. An input is left out if
+    another signal of its part is the same one, as its equations do not show which of them is meant."""
+    jumps = {}
+    for path in inputs:
+        owner, _, name = path.rpartition(".")
+        leaf, index = flat.expanded.leaves.get(owner), flat.names.get(path)
+        if leaf is not None and index is not None and name in leaf.component.signals \
+                and index not in {flat.names.get(f"{owner}.{other}") for other in leaf.component.signals if other != name}:
+            jumps[path] = Jump(owner, flat.unknowns[index].unit, index)
+    return jumps
+
+
+def with_virtual_jumps(flat: Flat, jumps: Mapping[str, Jump], file: Path) -> Flat:
+    """The flat model with a measured input `virtual.PATH` for each jump, as in `with_virtual_sources`, but joined by a
+    spline, as equations may differentiate it."""
+    residuals, inputs = list(flat.residuals), list(flat.inputs)
+    place = flat.equations[0].place
+    for path, jump in jumps.items():
+        symbols = ca.vertcat(*(ca.SX.sym("d" * k + f"virtual.{path}") for k in range(4)))
+        source = FileInput(file, path, jump.unit.text, "spline", place, TimeAxis("time"), bridge=True)
+        inputs.append(KnownInput(f"virtual.{path}", source, jump.unit, symbols))
+        old = [level[jump.signal] for level in flat.levels]
+        new = [symbol + symbols[order] for order, symbol in enumerate(old)]
+        for row, equation in enumerate(flat.equations):
+            if equation.role is EquationRole.LAW and f"{equation.owner}.".startswith(f"{jump.owner}."):
+                residuals[row] = ca.substitute(residuals[row], stack(old), stack(new))
+    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)
 
 
 def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> Flat:

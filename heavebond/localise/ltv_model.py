@@ -25,7 +25,7 @@ from heavebond.core.quoting import file_stem
 from heavebond.core.units import Unit, read_unit
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.flatten import Flat, flatten
-from heavebond.equations.places import Node, input_nodes, places_of, with_virtual_sources
+from heavebond.equations.places import Node, input_nodes, jumps_at, places_of, with_virtual_jumps, with_virtual_sources
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.estimation.comparison import simulate_over
 from heavebond.estimation.experiment import Experiment, Free, Record
@@ -39,6 +39,7 @@ from heavebond.numerics.result import Result, columns
 from heavebond.numerics.start_equations import StartEquations
 from heavebond.text.expression import names as names_in
 
+JUMP_ORDERS = 3  # a jump, its rate and its acceleration act on the machine
 AT_ONCE = 128  # points at which one call evaluates a function: what maps it takes as long to build as they are many
 
 
@@ -127,10 +128,14 @@ class LtvModel:
 
 class SourcedRecord:
     """One record and its machine with a virtual source on every node (see `input_nodes`; or with all `sources` of its flat
-    model), to be linearised about several runs. The deviations q are those of the free parameters and of `parameters`."""
+    model), to be linearised about several runs. The deviations q are those of the free parameters and of `parameters`.
+
+    `signals` are signal inputs with jumps (see `jumps_at`), which are zero in every run. Behind the columns of the nodes,
+    the matrices of the inputs have those of `jumped` (signal input, order of the derivative of its jump)."""
 
     def __init__(self, experiment: Experiment, record: Record, folder: Path,
-                 sources: Callable[[Flat], dict[str, Node]] = input_nodes, parameters: Sequence[str] = ()):
+                 sources: Callable[[Flat], dict[str, Node]] = input_nodes, parameters: Sequence[str] = (),
+                 signals: Sequence[str] = ()):
         self.experiment, self.record = experiment, record
         measured = measure(experiment, record)
         self.time = measured.grid
@@ -147,21 +152,23 @@ class SourcedRecord:
         flat = flatten(model, wanted)
         self.nodes = sources(flat)
         self.places = places_of(flat, self.nodes)
+        self.jumps = jumps_at(flat, signals)
         self.file = folder / f"{file_stem(record.name)}.csv"
         self._write(np.zeros((len(self.time), len(self.nodes))))
-        self.assembly = build(reduce_flattened(lambda corners: with_virtual_sources(
-            flatten(model, wanted, corners=corners), self.nodes, self.file)))
+        self.assembly = build(reduce_flattened(lambda corners: with_virtual_jumps(with_virtual_sources(
+            flatten(model, wanted, corners=corners), self.nodes, self.file), self.jumps, self.file)))
         flat = self.assembly.flat
         self.locals = [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns
                        if u.role in ("across", "position", "signal")]
         self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
-                                     len(experiment.free) + len(parameters), len(self.nodes))
+                                     len(experiment.free) + len(parameters), len(self.nodes), len(self.jumps))
+        self.jumped = [(path, order) for path in self.jumps for order in range(JUMP_ORDERS)]
 
     def _write(self, driven: Array) -> None:
         with self.file.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(["time", *self.nodes])
-            writer.writerows(np.column_stack([self.time, driven]).tolist())
+            writer.writerow(["time", *self.nodes, *self.jumps])
+            writer.writerows(np.column_stack([self.time, driven, np.zeros((len(driven), len(self.jumps)))]).tolist())
 
     def about(self, values: Mapping[str, float], known: Sequence[Known], driven: Array | None = None) -> LtvModel:
         """The linear system about the run with these parameters and with `driven` (N, M) entering the nodes."""
@@ -206,7 +213,7 @@ class _Jacobians:
     """The matrices of `LtvModel` at many moments, in nominal states; parameters along given directions."""
 
     def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[LocalSignal], parameters: int,
-                 m: int):
+                 m: int, jumps: int = 0):
         t, x, z, p, u, rate = assembly.arguments
         self.n, self.z, self.k, self.m = x.numel(), z.numel(), parameters, m
         self.outputs, self.local = len(outputs), len(local)
@@ -214,11 +221,15 @@ class _Jacobians:
         names = assembly.flat.names
         signals = stack([assembly.express(assembly.flat.levels[0][names[s.name]]) for s in local])
         # the value of each virtual source at a break is the first coefficient of its piece
-        virtual = [1 + 4 * k for k in range(len(assembly.flat.inputs) - m, len(assembly.flat.inputs))]
+        count = len(assembly.flat.inputs)
+        virtual = [1 + 4 * k for k in range(count - m - jumps, count - jumps)]
         along = ca.SX.sym("along", p.numel(), self.k)
         rows = stack([assembly.ode, assembly.alg, stack(outputs), signals])
+        by_u = ca.jacobian(rows, u)
         parts = [ca.jacobian(rows, x), ca.jacobian(rows, z), ca.jtimes(rows, p, along) if self.k else ca.SX(rows.numel(), 0),
-                 ca.jacobian(rows, u)[:, virtual]]
+                 by_u[:, virtual],
+                 *(column for k in range(count - jumps, count)
+                   for column in _by_rates(by_u[:, 1 + 4 * k:5 + 4 * k], t - u[0]))]
         self.rows = rows.numel()
         both = ca.Function("values", [t, x, z, p, u, rate], [ca.densify(rows)]), \
             ca.Function("along", [t, x, z, p, u, rate, along], [ca.densify(ca.horzcat(*parts))])
@@ -245,6 +256,14 @@ class _Jacobians:
         remaining = np.delete(whole, np.s_[n:n + z], axis=2)
         follows = np.linalg.solve(whole[:, n:n + z, n:n + z], remaining[:, n:n + z])
         return np.asarray(remaining - whole[:, :, n:n + z] @ follows)
+
+
+def _by_rates(by_piece: ca.SX, s: ca.SX) -> list[ca.SX]:
+    """The derivatives with respect to a jump w and its first derivatives, from those with respect to the coefficients of its
+    polynomial piece, w = c0 + c1 s + c2 s**2."""
+    by_c0, by_c1, by_c2 = (by_piece[:, k] for k in range(JUMP_ORDERS))
+    by_rate = by_c1 - s * by_c0
+    return [by_c0, by_rate, (by_c2 - s**2 * by_c0 - 2 * s * by_rate) / 2]
 
 
 def mapped(function: Buffered, arguments: Sequence[Array], *same: Array) -> Array:

@@ -57,9 +57,9 @@ class OnsetConstants:
 ONSET = OnsetConstants()
 
 
-def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
+def onsets(base: Base, scores: Sequence[Score], needed: float = 0.0) -> list[Candidate]:
     """The candidates with the largest gains from onset times, with one time for each record. Candidates for which onset
-    times do not increase the gain materially are left out."""
+    times do not increase the gain materially, or not to half of the gain `needed`, are left out."""
     runs, experiment = base.problem.runs, base.problem.experiment
     unit = max(1.0, float(base.r @ base.r) / len(base.r))
     best: dict[str, tuple[float, Score, dict[str, float]]] = {}
@@ -74,7 +74,8 @@ def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
         if gain > best.get(label, (0.0,))[0]:
             best[label] = gain, score, begins
     best = {label: entry for label, entry in best.items()
-            if entry[0] > (1 + ONSET.share) * in_whole_records[label] + ONSET.more * unit * len(runs)}
+            if entry[0] > (1 + ONSET.share) * in_whole_records[label] + ONSET.more * unit * len(runs)
+            and entry[0] >= needed / 2}
     spans = {name: (float(run.found.grid[0]), float(run.found.grid[-1])) for name, run in base.exact.items()}
     families: dict[object, list[Candidate]] = {}
     for _, score, begins in sorted(best.values(), key=lambda entry: -entry[0]):

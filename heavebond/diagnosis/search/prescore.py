@@ -1,4 +1,4 @@
-"""First-order scores of thousands of laws between two nodes, from a few adjoint runs along the base model.
+"""First-order scores of thousands of laws between two nodes and in signals, from a few adjoint runs along the base model.
 
 A law between two nodes adds through variables w(t) there (forces, flows, heat flows). In the linear time-varying model along
 the run of a record (see `localise.ltv_model`), with dy the deviation of the channels over their noise,
@@ -23,9 +23,12 @@ of s_o. They preserve the cosine of two directions to about 1/sqrt(SKETCH) (W. B
 A parameter that varies by a factor 1 + a*g(t) is such an input as well: B, D are then the derivatives of the equations with
 respect to the parameter, times its value, and w = a*g.
 
-A law has no prescore if its through variables are not explicit formulas of the across variables: laws with states and
-implicit laws. The derivative s does not include changes that a law between nodes makes to the initial state of a record, for
-example to the equilibrium from which a machine starts.
+A law before an input adds w = y - u to the signal u that a part reads (see `search.signal_law`), and one in a channel adds
+it to the channel. An equation that differentiates u has the rate and the acceleration of w as inputs as well.
+
+A law between nodes has no prescore if its through variables are not explicit formulas of the across variables: laws with
+states and implicit laws. The derivative s does not include changes that a law between nodes makes to the initial state of a
+record, for example to the equilibrium from which a machine starts.
 """
 
 from __future__ import annotations
@@ -34,6 +37,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -42,8 +46,9 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension, parse_quantity
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
-from heavebond.diagnosis.search.schedule import AT_LEAST, PROMISING, REFITS, family, largest_gains
-from heavebond.diagnosis.search.scoring import SAME, may_be_below_neutral, points_within
+from heavebond.diagnosis.search.schedule import AT_LEAST, FIRST, PROMISING, REFITS, family, largest_gains
+from heavebond.diagnosis.search.scoring import SAME, Score, may_be_below_neutral, points_within, value_held
+from heavebond.diagnosis.search.signal_law import SignalLaw
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
 from heavebond.estimation.residuals import Run
@@ -58,6 +63,8 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, names
 SKETCH, RAW = 128, 8  # number of random vectors for |s_o| and for |s|; of |s| only the order of magnitude is needed
 EXACT = 200  # maximum number of exact scores of distant candidates; one takes about as long as a run of the records,
 VARIATIONS = 48  # and of variations of parameters, whose forms and variables imitate each other
+FEW = 2 * FIRST  # number of near candidates that get an exact score in a further step, apart from the promising ones
+RELIABLE, EARLIER = 0.5, 0.25  # shares of the required gain below which a prescore, or an earlier direction, is too small
 VISIBLE = 4.0  # smallest gain, two standard deviations: a smaller one is not evidence
 RIGID = "its nodes move as one"
 SAME_MACHINE = "the same law at nodes that move with these is a candidate"
@@ -87,6 +94,14 @@ class Prescore:
         """The first-order reduction of chi-square."""
         return self.z**2 if self.z > 0 or self.signed else 0.0
 
+    @classmethod
+    def of_earlier(cls, base: Base, score: Score) -> Prescore:
+        """The score that the direction of a score of an earlier base model has on the residual of this one."""
+        projected = base.split(score.direction)[0] if len(score.direction) == len(base.r) else np.zeros(len(base.r))
+        share = float(np.linalg.norm(projected))
+        z = float(-projected @ base.r / share) if share > SAME else 0.0
+        return cls(score.candidate, score.shapes, z, score.signed, share, np.zeros(0), score.along)
+
 
 @dataclass(frozen=True)
 class Prescored:
@@ -105,7 +120,8 @@ class Prescored:
         return largest_gains(self.scores, lambda candidate: candidate.label)
 
 
-def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
+def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str],
+           needed: float = 0.0, earlier: Mapping[str, Score] | None = None) -> Prescored:
     """Select the candidates that need an exact score, from those at nodes that a component connects (`near`) and those at
     distant nodes.
 
@@ -115,6 +131,11 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     and the others are postponed. The number of selected distant candidates is at most `EXACT`, those with the largest gains.
     `as_one` maps nodes that move together to one of them. Without distant candidates, all near ones are selected: the exact
     scores of a small diagram take less time than the adjoint runs.
+
+    In a further step, only candidates with the gain `needed` are refitted, apart from a few. Selected are then those with
+    the share `RELIABLE` of it, and the first `FEW` by their gains. `earlier` are scores of an earlier step by the label of
+    the candidate. Their directions give the gains of candidates without a prescore, as the effects that were added since
+    then change them little; a candidate is postponed if this gain is below the share `EARLIER` of the required one.
     """
     joined = {_machine(c, as_one) for c in near}
     left_out, apart = dict[str, str](), dict[object, Candidate]()
@@ -129,23 +150,29 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     distant = list(apart.values())
     if not distant:
         return Prescored(tuple(near), left_out=left_out)
-    static = [c for c in near if c.attaches in ("across", "at") and not c.members]
+    tried = [c for c in near if c.attaches in ("across", "at", "input", "channel") and not c.members]
     try:
-        scores, without = prescores(base, [*static, *distant])
+        scores, without = prescores(base, [*tried, *distant])
     except (HeavebondError, np.linalg.LinAlgError):
         return Prescored(tuple(near), left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
     scores = [p for p in scores if p.share > SAME]
-    least = max(VISIBLE, PROMISING * max((p.gain for p in scores), default=0.0))
+    least = max(VISIBLE, PROMISING * max((p.gain for p in scores), default=0.0), RELIABLE * needed)
     families = largest_gains(scores, family)
+    known, unknown = {p.candidate.label for p in scores}, {c.label for c in without}
+    before = earlier or {}
+    expected = [Prescore.of_earlier(base, before[c.label]) for c in near if c.label in before and c.label not in known]
+    expected_of_family = largest_gains(expected, family)
 
     def ranked(among: Sequence[Candidate]) -> list[Candidate]:
         return sorted(among, key=lambda c: -families.get(family(c), 0.0))
 
     hopeful = [c for c in ranked(distant) if families.get(family(c), 0.0) >= least][:EXACT]
-    first = {c.label for c in ranked([c for c in static if family(c) in families])[:REFITS]}
-    postponed = [c for c in static if families.get(family(c), least) < least and c.label not in first]
+    first = {c.label for c in ranked([c for c in tried if family(c) in families])[:FEW if needed else REFITS]}
+    estimated = {p.candidate.label for p in expected}
+    postponed = [c for c in near if c.label not in first and families.get(family(c), 0.0) < least and (
+        expected_of_family[family(c)] < EARLIER * least if c.label in estimated else
+        family(c) in families and c in tried)]
     selected = {c.label for c in hopeful}
-    known, unknown = {p.candidate.label for p in scores}, {c.label for c in without}
     left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
                  for c in distant if c.label not in selected}
     later = {c.label for c in postponed}
@@ -153,10 +180,10 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
                      tuple(scores), tuple(postponed), left_out)
 
 
-def select_variations(base: Base, variations: Sequence[Candidate]) -> Prescored:
+def select_variations(base: Base, variations: Sequence[Candidate], needed: float = 0.0) -> Prescored:
     """Select the variations of parameters that need an exact score: those of parts for which one prescored gain is at least
-    the share `PROMISING` of the largest gain, if their own gain is at least the share `AT_LEAST` of it, and those without a
-    prescore; at most `VARIATIONS` of either kind."""
+    the share `PROMISING` of the largest gain, if their own gain is at least the share `AT_LEAST` of it and the share
+    `RELIABLE` of the gain `needed` for a refit, and those without a prescore; at most `VARIATIONS` of either kind."""
     if len(variations) < REFITS:  # their exact scores take less time than the adjoint runs
         return Prescored(tuple(variations))
     try:
@@ -166,7 +193,8 @@ def select_variations(base: Base, variations: Sequence[Candidate]) -> Prescored:
     prescored, of_part = Prescored(scores=tuple(scores)), largest_gains(scores, family)
     gains = prescored.gains
     largest = max(gains.values(), default=0.0)
-    promising = sorted((c for c in variations if gains.get(c.label, 0.0) >= AT_LEAST * largest > 0
+    least = max(AT_LEAST * largest, RELIABLE * needed)
+    promising = sorted((c for c in variations if gains.get(c.label, 0.0) >= least > 0
                         and of_part[family(c)] >= PROMISING * largest), key=lambda c: -gains[c.label])
     labels = {c.label for c in (*promising[:VARIATIONS], *without[:VARIATIONS])}
     selected = [c for c in variations if c.label in labels]
@@ -211,12 +239,14 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
                     for run, part in zip(base.problem.runs, parts, strict=True)]
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
     media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
-    laws: dict[str, StaticLaw | None] = {}
+    laws: dict[tuple[str, bool], StaticLaw | SignalLaw | None] = {}
     scores, without = [], []
     for candidate in candidates:
-        if candidate.component not in laws:
-            laws[candidate.component] = StaticLaw.of(library, library.component(candidate.component), media, values)
-        law = laws[candidate.component]
+        key = candidate.component, candidate.vanishes
+        if key not in laws:
+            component = library.component(candidate.component)
+            laws[key] = StaticLaw.of(library, component, media, values) if candidate.vanishes else SignalLaw.of(component)
+        law = laws[key]
         law_scores = _of(candidate, law, adjoints) if law is not None else []
         scores += law_scores
         if not law_scores:
@@ -235,7 +265,8 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path, candidates: Seq
     varied = list(dict.fromkeys(name for c in candidates for name in c.change.vary
                                 if name in run.assembly.parameter_names and name not in elsewhere))
     variables = list(dict.fromkeys(_variable(c) for c in candidates if c.change.vary))
-    sourced = SourcedRecord(experiment, run.record, folder, sources_of, varied)
+    inputs = list(dict.fromkeys(c.signal for c in candidates if c.attaches == "input"))
+    sourced = SourcedRecord(experiment, run.record, folder, sources_of, varied, inputs)
     known = [known_of(free, values[free.name]) for free in experiment.free.values()]
     point = {n: v for n, v in values.items() if n in sourced.assembly.parameter_values}
     sizes = {**sourced.assembly.parameter_values, **point}
@@ -244,23 +275,50 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path, candidates: Seq
     weighted = np.zeros((len(vectors), *run.counts.shape))
     # the linear model divides each channel by one constant noise
     weighted[:, run.counts] = run.without_carried(vectors, run.counts) * (sourced.noise[:, None] / run.noise)[run.counts]
-    gradients = dict(zip((*sourced.nodes, *varied), backward(model, weighted, len(varied)), strict=True))
+    sources = (*sourced.nodes, *sourced.jumped, *varied)
+    by_source: dict[object, Array] = dict(zip(sources, backward(model, weighted, len(varied)), strict=True))
+    rate = _rate_matrix(model.time)
+    gradients: dict[str, Array] = {name: by_source[name] for name in (*sourced.nodes, *varied)}
+    for path in sourced.jumps:  # the rates of w are linear in w
+        of_rate = by_source[path, 1] + by_source[path, 2] @ rate
+        gradients[path] = np.asarray(by_source[path, 0] + of_rate @ rate, np.float32)
+    channels = {f"channel {name}": k for k, name in enumerate(experiment.outputs)}
+    gradients |= {name: weighted[:, k] / sourced.noise[k] for name, k in channels.items()}
     local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
     flat = sourced.assembly.flat
     courses = {f"{node.name}.{member}": local[shared] for node in sourced.nodes.values()
                for member in (*node.domain.across, *node.domain.positions)
                if (index := flat.names.get(f"{node.name}.{member}")) is not None
                and (shared := flat.unknowns[index].name) in local}
-    probe = Probe(model.result.assembly, [name for name in variables if name != "time"], si=True)
+    texts_of = {name: name for name in (*variables, *inputs) if name != "time"} | {
+        f"channel {name}": output.shown.text for name, output in experiment.outputs.items()}
+    texts = list(dict.fromkeys(texts_of.values()))
     # the run has the middles between the samples as well
-    courses |= dict(zip(probe.names, probe.values(model.result)[:, ::2], strict=True)) | {"time": model.time}
-    return Adjoint(gradients, courses)
+    shown = dict(zip(texts, Probe(model.result.assembly, texts, si=True).values(model.result)[:, ::2], strict=True))
+    courses |= {name: shown[text] for name, text in texts_of.items()}
+    return Adjoint(gradients, courses | {"time": model.time})
+
+
+def _rate_matrix(time: Array) -> Any:
+    """The sparse matrix (N, N) of the central differences of a column (N,) of samples; one-sided at the ends."""
+    from scipy.sparse import csr_matrix
+
+    n = len(time)
+    after, before = np.minimum(np.arange(n) + 1, n - 1), np.maximum(np.arange(n) - 1, 0)
+    share = 1 / (time[after] - time[before])
+    rows = np.arange(n)
+    return csr_matrix((np.concatenate([share, -share]), (np.tile(rows, 2), np.concatenate([after, before]))), (n, n))
 
 
 def _variable(candidate: Candidate) -> str:
     """The variable with which a parameter varies."""
     (part,) = candidate.change.components.values()
     return next(text.lstrip("= ") for text in part.values.values() if text.startswith("="))
+
+
+def _signal(candidate: Candidate) -> str:
+    """The signal in which an effect is: the input, or the channel."""
+    return candidate.signal or f"channel {candidate.where[0]}"
 
 
 def backward(model: LtvModel, vectors: Array, varied: int = 0) -> Array:
@@ -308,7 +366,9 @@ class StaticLaw:
         parameter values of the diagram. None if the equations are not explicit formulas or a parameter has no value."""
         effect = component.effect
         factor = effect is not None and "parameter" in effect.attaches
-        if effect is None or component.composite or component.when or (component.signals and not factor):
+        signals = [s.name for s in component.signals.values() if s.direction == "out"]
+        if effect is None or component.composite or component.when or (component.signals and not factor and (
+                component.ports or len(component.signals) != 2 or len(signals) != 1)):
             return None
         domains = {port.name: library.domains.get(port.domain) for port in component.ports.values()}
         formulas = {line.tree.left.text: line.tree.right for line in component.equations
@@ -316,9 +376,11 @@ class StaticLaw:
         if len(formulas) < len(component.equations) or None in domains.values():
             return None
         inputs = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
-                  for m in (*domain.across, *domain.positions)} | {name: ca.SX.sym(name) for name in component.signals}
+                  for m in (*domain.across, *domain.positions)} | {name: ca.SX.sym(name) for name in (
+                      *(name for name in component.signals if name not in signals),
+                      *(["time"] if signals else []))}
         parameters = {name: ca.SX.sym(name) for name in component.parameters}
-        through = (FACTOR,) if factor else tuple(
+        through = (FACTOR,) if factor else tuple(signals) if signals else tuple(
             f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
         range_variables = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
         groups: dict[Dimension, list[ca.SX]] = {}
@@ -370,45 +432,53 @@ def _no_name(text: str, name: Expr) -> ca.SX:
     raise KeyError(text)
 
 
-def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
-    """The prescores of one candidate. The list is empty if an amplitude has no neutral value, a number is held at the
-    motion, or a node or parameter is not a source of the linear model."""
+def _of(candidate: Candidate, law: StaticLaw | SignalLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
+    """The prescores of one candidate. The list is empty if only some amplitudes have a neutral value, if a number is held at
+    a motion that the law does not show, or if a node, signal or parameter is not a source of the linear model."""
     node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
 
     def at_node(name: str) -> str:
         port, _, member = name.partition(".")
         return f"{node.get(port, '')}.{member}"
 
+    sign, fixed = 1, dict[str, float]()
     if candidate.change.vary:
         (part,) = candidate.change.components.values()
-        places, input_names, sign = list(candidate.change.vary), [_variable(candidate)], 1
+        places, input_names = list(candidate.change.vary), [_variable(candidate)]
         fixed = {name: parse_quantity(text)[0] for name, text in part.values.items() if not text.startswith("=")}
+    elif candidate.attaches in ("input", "channel"):
+        places, input_names = [_signal(candidate)], [_signal(candidate), "time"]
     else:
         # a flow into the component is a flow out of the node
-        places, input_names = [at_node(name) for name in law.through], [at_node(name) for name in law.given]
-        sign, fixed = -1, {}
-    if len(candidate.vanishing) < sum(n.amplitude for n in candidate.numbers) or any(
-            n.sought is not None and n.sought.held for n in candidate.numbers) or not all(
+        places, input_names, sign = [at_node(name) for name in law.through], [at_node(name) for name in law.given], -1
+    if len(candidate.vanishing) not in (0, sum(n.amplitude for n in candidate.numbers)) or not all(
             set(places) <= a.gradients.keys() and set(input_names) <= a.courses.keys() for a in adjoints):
         return []
     courses = [np.array([a.courses[name] for name in input_names]) for a in adjoints]
     short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
-    middle = {**{short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}, **fixed}
+    middle = {**{short[n.name]: 1.0 for n in candidate.numbers if n.sought is not None}, **fixed}
     # the motions as by `motion_ranges`, from the variables that the law shows in each record
     seen = dict(zip(law.seen, np.hstack([law.at(course, middle)[1] for course in courses]), strict=True))
     motions = {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
                if n.follows for course in [seen[n.follows.rpartition(".")[2]]]}
+    if not np.all(np.isfinite([*motions.values()])):
+        return []
+    held = {n.name: value_held(n, motions[n.name]) for n in candidate.numbers if n.sought is not None and n.sought.held}
+    fixed |= {short[name]: value for name, value in held.items()}
     groups: dict[Dimension, list[EffectNumber]] = {}  # amplitudes of one unit move together
     for number in candidate.vanishing:
         groups.setdefault(number.unit.dimension, []).append(number)
     scores = []
-    for shapes in points_within(candidate, motions):
+    moving = replace(candidate, numbers=tuple(n for n in candidate.numbers if n.name not in held))
+    for shapes in points_within(moving, motions):
+        if any(n.sought is not None and n.name not in shapes for n in moving.numbers):  # nothing moves there
+            continue
         products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
         for adjoint, course in zip(adjoints, courses, strict=True):
             tangents = law.at(course, {**fixed, **{short[name]: value for name, value in shapes.items()}})[0]
             for k, place in enumerate(places):
                 products += sign * tangents[:, k] @ adjoint.gradients[place].T
-        for group, amplitudes in zip(products, groups.values(), strict=True):
+        for group, amplitudes in zip(products, list(groups.values()) or [[]], strict=True):
             sketch = group[1:1 + SKETCH]
             length = float(np.sqrt(np.mean(sketch**2)))
             size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))

@@ -360,11 +360,15 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
     values = {}
     motions = motion_ranges(list(held.values()), runs, base)
     for name, number in held.items():
-        assert number.sought is not None
-        low, high = motions[name]
-        choices = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
-        values[name] = quantity(choices[number.sought.held], number.unit)
+        values[name] = quantity(value_held(number, motions[name]), number.unit)
     return holding(candidate, values)
+
+
+def value_held(number: EffectNumber, motion: tuple[float, float]) -> float:
+    """The value of a held number for a motion from the smallest to the largest value."""
+    assert number.sought is not None
+    low, high = motion
+    return {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}[number.sought.held]
 
 
 def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:

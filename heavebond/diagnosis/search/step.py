@@ -45,7 +45,7 @@ from heavebond.diagnosis.evidence.residual_tests import ResidualTests, is_above_
 from heavebond.diagnosis.search.base_model import TIMES, Base, finer, searched
 from heavebond.diagnosis.search.natural_sizes import with_natural_ranges
 from heavebond.diagnosis.search.onset import onsets
-from heavebond.diagnosis.search.prescore import select, select_variations
+from heavebond.diagnosis.search.prescore import SMALL, select, select_variations
 from heavebond.diagnosis.search.refit import ANOTHER, Refit, bic, refitted_from
 from heavebond.diagnosis.search.schedule import NEEDED, Job, RefitSchedule, beyond_their_members, planned, unexplained
 from heavebond.diagnosis.search.scoring import Score
@@ -147,14 +147,15 @@ class Stage:
 
 def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), number: int | None = None,
                seconds: float = SECONDS, classes: Sequence[str] = (), progress: Progress | None = None,
-               thorough: bool = True, review: bool = False) -> Stage:
+               thorough: bool = True, review: bool = False, earlier: Sequence[Score] = ()) -> Stage:
     """Score the candidates of the catalogue, and refit those that can matter.
 
     `beside` are the effects that earlier steps added to the diagram. Candidates that act on these effects instead of the
     machine are left out. `classes` restricts the catalogue to candidates of these classes. `seconds` limits the time of
     scores and refits, `number` is the number of processes. A `thorough` search also refits all other candidates if no refit
     of the candidates with the largest scores comes near the noise. In the `review` of an effect that was selected before, no
-    variations of parameters are tried.
+    variations of parameters are tried. `earlier` are the scores of the steps that added the effects `beside`, the last ones
+    last.
     """
     def chosen(candidate: Candidate) -> bool:
         return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
@@ -164,7 +165,7 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
     near = [c for c in candidates(experiment, excluded, site) if chosen(c)]
     distant = [c for c in between_all_nodes(experiment, site) if chosen(c)]
     stage = _step(experiment, near, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
-                  varying=None if review else chosen, later=bool(beside))
+                  varying=None if review else chosen, later=bool(beside), earlier=earlier)
     return replace(stage, excluded={**excluded, **stage.excluded})
 
 
@@ -212,8 +213,8 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
 
 def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
-          distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False
-          ) -> Stage:
+          distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False,
+          earlier: Sequence[Score] = ()) -> Stage:
     """Make a step with these candidates.
 
     `distant` are further candidates, which get an exact score only if their prescore is large enough. `varying` is a
@@ -236,7 +237,9 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     ranged = with_natural_ranges(base, [*near, *(c for c in distant if c.label not in excluded)])
     if distant:
         say("scoring effects between all nodes to first order")
-    prescored = select(base, ranged[:len(near)], ranged[len(near):], as_one)
+    # the gain without which a candidate is hardly refitted in a later step
+    needed = NEEDED * max(float(base.r @ base.r) - len(base.r), 0.0) if later else 0.0
+    prescored = select(base, ranged[:len(near)], ranged[len(near):], as_one, needed, {s.candidate.label: s for s in earlier})
     proposed, scores, remaining = list(prescored.selected), list[Score](), list[Job]()
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
@@ -269,16 +272,15 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             tests = leftover(base, scores, prescored.scores)
             if tests.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
-                needed = NEEDED * max(float(base.r @ base.r) - len(base.r), 0.0) if later else 0.0
                 leading, remaining, twins = planned(scores, as_one, needed)
                 leading = leading[:most]
                 partial = not refits.make(leading, others if thorough else list, until) or not scored_all
                 if varying is not None and not partial and unexplained(refits.trials.values()):
-                    more, of_variations, weak = _variations(base, scores, varying, workers, say, until)
+                    promised = DECISION.mainly * float(base.r @ base.r) if later or refits.explained else 0.0
+                    more, of_variations, weak = _variations(base, scores, varying, promised, workers, say, until)
                     proposed, scores, excluded = [*proposed, *more], [*scores, *of_variations], excluded | weak
                     known |= {s.candidate.label for s in of_variations}
                     jobs, _, twins = planned(scores, as_one)
-                    promised = DECISION.mainly * float(base.r @ base.r) if later or refits.explained else 0.0
                     leading_variations = [job for job in jobs if job[0].label in {c.label for c in more}
                                           and max((score.gain for score in job[1]), default=0.0) >= promised]
                     partial = not refits.make(leading_variations, list, until)
@@ -311,25 +313,26 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     broken = tuple(c.label for c in proposed if c.label not in known and c.label not in workers.lost) if scored_all else ()
     return replace(stage, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(proposed), broken=broken,
                    failed=tuple(refits.failed), prescored=len(distant),
-                   excluded={**excluded, **prescored.left_out})
+                   excluded={**excluded, **prescored.left_out,
+                             **{c.label: SMALL for c in prescored.postponed if c.label not in known}})
 
 
-def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress,
-                until: float) -> tuple[list[Candidate], list[Score], dict[str, str]]:
+def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], promised: float, workers: Workers,
+                say: Progress, until: float) -> tuple[list[Candidate], list[Score], dict[str, str]]:
     """Make and score the candidates that are tried if no other candidate comes near the noise. These are variations of
-    parameters, and the candidates with the best scores in `before`, extended by an onset time. The third result maps
-    variations that are not tried to the reason."""
+    parameters, and the candidates with the best scores in `before`, extended by an onset time. `promised` is the gain
+    without which they are not refitted. The third result maps variations that are not tried to the reason."""
     say("looking for parameters that may vary")
     varying = varying_parameters(base.problem, base.inner)
     added = [c for c in varying.candidates if chosen(c)]
     left_out = {f"variation of {name}" if not name.startswith("of ") else f"variation {name}": reason
                 for name, reason in varying.left_out.items()}
 
-    prescored = select_variations(base, added)
+    prescored = select_variations(base, added, promised)
     added, left_out = list(prescored.selected), {**left_out, **prescored.left_out}
     of_variations, of_onsets = list[Score](), list[Score]()
     _score(workers, added, of_variations, say, until)
-    beginning = onsets(base, [*before, *of_variations])
+    beginning = onsets(base, [*before, *of_variations], promised)
     _score(workers, beginning, of_onsets, say, until)
     return [*added, *beginning], [*of_variations, *of_onsets], left_out
 
