@@ -122,9 +122,17 @@ def test_the_limits_of_an_axis_hold_in_every_unit(tab: browser.Tab, server: Serv
     assert tab.run(ends) == [10, 40]
     _choose(tab, "unit of suction.p", "Pa")
     assert tab.run(ends) == pytest.approx([10e5, 40e5])
+    window = "[studio.runs.plots.charts[0].scales.x.min, studio.runs.plots.charts[0].scales.x.max]"
+    whole = tab.run(window)
+    limit("1e6 .. 4e6; time 0.2 .. 0.4")
+    tab.wait("studio.runs.plots.charts[0].scales.x.min === 0.2")
+    assert tab.run(ends) == pytest.approx([10e5, 40e5]) and tab.run(window) == [0.2, 0.4]
+    _open(tab, server, "limited.yaml", PUMPED)
+    _run(tab)
+    assert tab.run(window) == [0.2, 0.4]  # as when it was open before
     limit("")
     tab.wait("document.querySelector('.axis-limits').ariaPressed === 'false'")
-    assert tab.run(ends) != pytest.approx([10e5, 40e5])
+    assert tab.run(ends) != pytest.approx([10e5, 40e5]) and tab.run(window) == whole
     assert tab.complaints == []
 
 

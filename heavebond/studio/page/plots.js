@@ -21,6 +21,7 @@ export class Plots {
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", () => { this.shape = ""; this.again?.(); });
     new ResizeObserver(() => this.fit()).observe(this.place);
+    /** The part of the time (s) that the charts show; null for all. @type {{min: number, max: number}|null} */
     this.limits = null;
     /** What is chosen for the chart of a unit; `limits` of its vertical axis are in the unit of the run. @type {Record<string, {unit?: string, log?: boolean, over?: string, limits?: [number, number]}>} */
     this.choices = {};
@@ -186,15 +187,25 @@ export class Plots {
     });
   }
 
-  /** Ask for the ends of the vertical axis of a chart. @param {any} group */
+  /** Ask for the ends of the vertical axis of a chart, and for the part of the time that all charts show. @param {any} group */
   limit(group) {
     const { base, scale } = group, unit = group.unit === "1" ? "" : ` in ${unitLabel(group.unit)}`, [chart] = this.charts.filter((_, k) => this.groups?.[k]?.base === base);
     const now = this.choices[base]?.limits?.map((v) => v / scale) ?? [chart?.scales?.y?.min, chart?.scales?.y?.max];
-    askName("Limits of the vertical axis", `From .. to${unit}; empty for automatic limits:`, now.every(Number.isFinite) ? now.map((v) => number(v)).join(" .. ") : "", async (text) => {
-      const ends = text.split("..").map((end) => Number(end.trim() || NaN));
-      if (text && (ends.length !== 2 || !ends.every(Number.isFinite) || ends[0] >= ends[1])) throw new Error("Write the lower and the upper limit, such as 0 .. 40.");
-      if (text && this.choices[base]?.log && ends[0] <= 0) throw new Error("A logarithmic axis needs limits above zero.");
-      return () => this.choose(base, { limits: text ? [ends[0] * scale, ends[1] * scale] : undefined });
+    const range = (/** @type {number[]} */ ends) => ends.map((v) => number(v)).join(" .. "), shown = now.every(Number.isFinite) ? [range(now)] : [];
+    if (this.limits) shown.push(`time ${range([this.limits.min, this.limits.max])}`);
+    askName("Limits of the axes", `From .. to${unit}; of the time in s after a semicolon; empty for automatic limits:`, shown.join("; "), async (text) => {
+      /** @type {[number, number]|undefined} */ let axis, time = /** @type {any} */ (undefined);
+      for (const part of text.split(";").map((p) => p.trim()).filter(Boolean)) {
+        const ends = part.replace(/^time\b/, "").split("..").map((end) => Number(end.trim() || NaN));
+        if (ends.length !== 2 || !ends.every(Number.isFinite) || ends[0] >= ends[1]) throw new Error("Write the lower and the upper limit, such as 0 .. 40, or 0 .. 40; time 2 .. 5.");
+        if (part.startsWith("time")) time = ends;
+        else axis = [ends[0], ends[1]];
+      }
+      if (axis && this.choices[base]?.log && axis[0] <= 0) throw new Error("A logarithmic axis needs limits above zero.");
+      return () => {
+        this.limits = time ? { min: time[0], max: time[1] } : null;
+        this.choose(base, { limits: axis && [axis[0] * scale, axis[1] * scale] });
+      };
     }, "Set");
   }
 
@@ -235,7 +246,7 @@ export class Plots {
         title: group.positive ? "Logarithmic axis" : "A logarithmic axis needs values above zero", onclick: () => this.choose(base, { log: !choice.log }) }, "log"),
       el("select", { "aria-label": `what ${subject} is drawn over`, onchange: (/** @type {any} */ e) => this.choose(base, { over: e.target.value }) },
         option("", "over time", choice.over ?? ""), option(SPECTRUM, "as spectrum", choice.over ?? ""), ...names.map((name) => option(name, `over ${name}`, this.over(group)))),
-      el("button", { class: "axis-limits", "aria-pressed": String(Boolean(choice.limits)), "aria-label": `limits of the axis of ${subject}`, title: "Limits of the vertical axis", onclick: () => this.limit(group) }, "limits"),
+      el("button", { class: "axis-limits", "aria-pressed": String(Boolean(choice.limits)), "aria-label": `limits of the axes of ${subject}`, title: "Limits of the vertical axis and of the time", onclick: () => this.limit(group) }, "limits"),
       el("button", { "aria-pressed": String(large), "aria-label": large ? "show all charts" : `show ${subject} alone`, title: large ? "Show all charts" : "Show this chart alone",
         onclick: () => { this.large = large ? "" : base; this.shape = ""; this.onchoice?.(); this.again?.(); } }, large ? "▣" : "□"));
   }

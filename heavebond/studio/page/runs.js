@@ -207,7 +207,7 @@ export class Runs {
   remember() {
     if (!this.studio.document) return;
     const kept = [...this.stored, ...this.kept.map(({ label, values, text, visible, seconds }) => ({ label, values, text, visible, seconds }))];
-    const layout = { plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns };
+    const layout = { plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns, limits: this.plots.limits };
     try { localStorage.setItem(this.layoutKey, JSON.stringify({ ...layout, kept })); }
     catch { localStorage.setItem(this.layoutKey, JSON.stringify(layout)); this.studio.say("the kept runs are too many to be stored for the next time"); }
   }
@@ -253,7 +253,7 @@ export class Runs {
     this.recalled = true;
     this.showRuns();
     if (this.stored.length && this.stored.reduce((sum, run) => sum + (run.seconds ?? 0), 0) < SOON) void this.restore();
-    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "", panes: kept?.panes ?? {}, order: kept?.order ?? [], columns: kept?.columns ?? 1 });
+    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "", panes: kept?.panes ?? {}, order: kept?.order ?? [], columns: kept?.columns ?? 1, limits: kept?.limits ?? null });
   }
 
   /** The density of a signal over the frequency, as `heavebond signal` computes it. @param {any} run @param {string} name */
