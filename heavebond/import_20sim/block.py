@@ -365,7 +365,20 @@ class Translator:
                 self._node(block, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
                            [block.elements[e][k] for e in knot_elements])
         for part in block.parts.values():
-            self._free(block, part)
+            # power ports without a connection are free ends; inputs without one are 0, as in 20-sim
+            joined = {end for ends in block.nodes.values() for end in ends}
+            for item in part.content.items.values():
+                if f"{part.name}.{item.name}" in joined:
+                    continue
+                if item.kind == "bond":
+                    used_names = {*block.items, *(p.name for p in block.parts.values()), *block.nodes}
+                    block.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
+                    if isinstance(part.content, Component) and part.content.untranslated:  # no flow: its effort is 0
+                        part.content.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
+                                                  if left.name == f"{item.name}.f" else (left, right, comment)
+                                                  for left, right, comment in part.content.equations]
+                elif item.kind == "in" and item.name not in getattr(part.content, "shared", {}):
+                    part.inputs[item.name] = "0"
         driven = {end for ends in block.nodes.values() for end in ends} | {left for left, _ in block.equations}
         for item in block.items.values():
             if item.kind == "out" and item.name not in driven:
@@ -402,22 +415,6 @@ class Translator:
         first, element = (sources or inner)[0]
         used_names = {*block.items, *(part.name for part in block.parts.values()), *block.nodes}
         block.nodes[_unused(f"{first.name}_{element}", used_names)] = ends
-
-    def _free(self, block: Block, part: Part) -> None:
-        """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
-        joined = {end for ends in block.nodes.values() for end in ends}
-        for item in part.content.items.values():
-            if f"{part.name}.{item.name}" in joined:
-                continue
-            if item.kind == "bond":
-                used_names = {*block.items, *(p.name for p in block.parts.values()), *block.nodes}
-                block.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
-                if isinstance(part.content, Component) and part.content.untranslated:  # no flow: its effort is 0
-                    part.content.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
-                                              if left.name == f"{item.name}.f" else (left, right, comment)
-                                              for left, right, comment in part.content.equations]
-            elif item.kind == "in" and item.name not in getattr(part.content, "shared", {}):
-                part.inputs[item.name] = "0"
 
 
 def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:

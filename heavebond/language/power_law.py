@@ -239,7 +239,15 @@ class _Trial:
                                            for bounds, sign in ((self.low, -1), (self.high, 1)))
         # equations that can be satisfied by other rates should not be satisfied by slower motions
         self.readiness = np.repeat([1e3**k for k in range(LEVELS)], len(self.size))
-        assignments = self._assignments()
+        # (equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first
+        across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
+        slot_of_equation: dict[int, int] = {}
+        for i, row in enumerate(self.made.entries):
+            choices = [e.column for e in row if e.kind == UNIT and e.column < len(self.size)
+                       and e.column not in slot_of_equation.values() and self.made.slots[e.column] not in across]
+            if choices:
+                slot_of_equation[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
+        assignments = list(slot_of_equation.items())
         self.assigning = np.array([i for i, _ in assignments], dtype=int)  # equations
         self.assigned = np.array([k for _, k in assignments], dtype=int)  # the slots that they give
         self.defaults = {n: None if p.default is None else constant(p.default.expr)
@@ -390,17 +398,6 @@ class _Trial:
             return None
         slots, slack = projected[: len(self.size)], 1e-9 * self.size
         return projected if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
-
-    def _assignments(self) -> list[tuple[int, int]]:
-        """(equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first."""
-        across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
-        slot_of_equation: dict[int, int] = {}
-        for i, row in enumerate(self.made.entries):
-            choices = [e.column for e in row if e.kind == UNIT and e.column < len(self.size)
-                       and e.column not in slot_of_equation.values() and self.made.slots[e.column] not in across]
-            if choices:
-                slot_of_equation[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
-        return list(slot_of_equation.items())
 
     def _assigned(self, y: Array, p: Array, t: float) -> Array:
         """Carry out every assignment `F = ...` a few times on the guess: from an arbitrary guess Newton's method fails at

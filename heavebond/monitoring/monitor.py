@@ -330,7 +330,13 @@ def _filtered(estimator: Estimator, task: _Task, file: Path) -> tuple[MonitoredR
     requested = estimate if task.keep else None
     row = MonitoredRecord(file.stem, str(file), IN_MODEL, "", test.samples, test.nis / test.samples,
                           test.low / test.samples, test.high / test.samples)
-    frozen = frozen_notes(task.experiment, record, _channels(task.experiment, estimate))
+    channels = {}
+    for name, output in task.experiment.outputs.items():
+        unit, on = read_unit(output.shown.unit), np.isfinite(estimate.measured[name])
+        measured, predicted = (np.asarray((v[name][on] - unit.offset) / unit.scale)
+                               for v in (estimate.measured, estimate.predicted))
+        channels[name] = _Channel(name, output.shown.unit, estimate.time[on], measured, predicted)
+    frozen = frozen_notes(task.experiment, record, channels)
     if frozen:
         return replace(row, outcome=UNUSABLE, reason=frozen[0]), requested
     change = find_change(estimate.time, estimate.innovations, task.rate)
@@ -349,13 +355,3 @@ class _Channel:
     time: Array
     measured: Array
     model: Array
-
-
-def _channels(experiment: Experiment, estimate: StateEstimate) -> dict[str, _Channel]:
-    channels = {}
-    for name, output in experiment.outputs.items():
-        unit, on = read_unit(output.shown.unit), np.isfinite(estimate.measured[name])
-        measured, predicted = (np.asarray((v[name][on] - unit.offset) / unit.scale)
-                               for v in (estimate.measured, estimate.predicted))
-        channels[name] = _Channel(name, output.shown.unit, estimate.time[on], measured, predicted)
-    return channels

@@ -149,7 +149,12 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return limit, notes
     if cause := _out_of_range(assembly, last):
         return cause, notes
-    if problem := _lost(assembly, at, t):
+    # the equations that are about to lose their rank at a point shortly before the end, otherwise those that have lost it
+    system = assembly.reduced.system
+    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
+    problems = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    if problems:
+        problem = problems[0]
         return f"{problem.message[:1].upper()}{problem.message[1:]}.\n{problem.hint}", [*notes, *problem.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
     small = [k for k, value in enumerate(pivots) if abs(value) < 1e-9 * max(abs(begin[k]), 1e-300) or value * begin[k] < 0]
@@ -241,15 +246,6 @@ def _out_of_range(assembly: Assembly, last: Point, kinds: Sequence[str] = ("phys
         return ""
     value, limit = (readable(number, finding.unit) for number in (finding.value, finding.limit))
     return f"{finding.name} is {value} there, beyond {limit}: {finding.advice}."
-
-
-def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
-    """The equations that are about to lose their rank at a point shortly before the end, otherwise those that have lost
-    it."""
-    system = assembly.reduced.system
-    vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
-    problems = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
-    return problems[0] if problems else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:

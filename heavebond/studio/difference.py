@@ -19,7 +19,7 @@ Values = dict[str, tuple[object, str]]  # by path: what is compared, and the tex
 def differences(before: Model, after: Model) -> list[Entry]:
     """The differences from one diagram to another: `about` (part, value, wire, output, start, run), `mark` (added, removed,
     changed), `path`, and the texts `before` and `after`, each value in the unit in which it is written. Equal values in
-    different units do not differ. Of a block that only one diagram has, the inside is not listed.
+    different units do not differ. The parts inside a block that only one diagram has are not listed.
 
     Raises ModelError for a diagram that cannot be read.
     """
