@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,9 @@ CASES = [
     Case("elastic_beam", "tip.y", lambda t: 500/3*216/2e6 + 0*t, LAW),
     # a pendulum of 4 kg with a moment of inertia of 0.1 + 4 kg*m**2
     Case("plane_in_space", "z", lambda t: -np.cos(swing(t, np.pi/3, np.sqrt(4*G/4.1))), SWING, 2e-5),
+    # Coriolis force and the rate of the angular momentum of a mass at 0.2 m + 0.8 m cos(3 rad/s t) on a turntable of 0.5 rad/s
+    Case("plane_on_body", "across", lambda t: 2*4*0.5*0.8*3*np.sin(3*t), LAW),
+    Case("plane_on_body", "moment", lambda t: -2*4*0.5*(0.2 + 0.8*np.cos(3*t))*0.8*3*np.sin(3*t), LAW),
     Case("plane_in_space", "y", lambda t: 2 + np.sin(swing(t, np.pi/3, np.sqrt(4*G/4.1)))/2, SWING, 2e-5),
 ]
 
@@ -663,6 +667,22 @@ def test_a_plane_in_space() -> None:
     agree(found["a.F_y"], -F_B[:, 2])
     agree(found["a.M"], M_B @ across)
     agree(found["Q"], F_B @ across)
+
+
+@checks("PlaneOnBody")
+def test_a_plane_on_a_body() -> None:
+    base = {re.sub("^a(?=[._])", "base", name): value for name, value in frame_a().items()}
+    found = part("PlaneOnBody")({**base, "a.x": PHI, "a.y": RATE, "a.phi": 2*PHI, "a.v_x": RATE, "a.v_y": PHI, "a.w": RATE,
+                                 **LOAD})
+    zero = 0*PHI
+    relates(found, Rotation.from_rotvec(np.outer(2*PHI, [0, -1, 0])), np.outer(RATE, [0, -1, 0]),
+            np.stack([PHI, zero, RATE], 1), np.stack([RATE, zero, PHI], 1))
+    balances({**found, **{name.replace("base.", "a."): value for name, value in found.items() if name.startswith("base.")}})
+    x, y, z = (TURN.apply(axis) for axis in np.eye(3))
+    agree(found["a.F_x"], -np.sum(x*F_B, axis=1))
+    agree(found["a.F_y"], -np.sum(z*F_B, axis=1))
+    agree(found["a.M"], np.sum(y*M_B, axis=1))
+    agree(found["Q"], np.sum(y*F_B, axis=1))
 
 
 @checks("ElasticBeam")

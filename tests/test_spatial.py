@@ -424,6 +424,74 @@ def test_a_crane_compensates_heave_and_lands_its_load() -> None:
     assert not run.si["tension"][landed].any() and np.abs(run.si["gap"][landed]).max() < 0.03
 
 
+BOOM = """
+  one:   {is: SpatialBody, m: 6 kg, J_x: 0.1 kg*m**2, J_y: 0.6 kg*m**2, J_z: 0.5 kg*m**2, l_x: 0.5 m}
+  two:   {is: SpatialBody, m: 4 kg, J_x: 0.1 kg*m**2, J_y: 0.4 kg*m**2, J_z: 0.4 kg*m**2, l_x: 0.4 m, l_y: 0.1 m}
+  deck:  {is: SpatialBody, m: 40 kg, J_x: 8 kg*m**2, J_y: 9 kg*m**2, J_z: 10 kg*m**2, g: 0 m/s**2}
+nodes:"""
+MOVES = """
+initial: {pin.phi: 0.3 rad, pin.w: 0.2 rad/s, knee.phi: -0.8 rad, knee.w: 0 rad/s, deck.w_x: 0.4 rad/s, deck.w_y: -0.2 rad/s,
+          deck.w_z: 0.3 rad/s}
+simulate: {until: 1 s, every: 10 ms}
+"""
+
+
+def test_a_planar_machine_moves_the_body_that_carries_it() -> None:
+    """Two links that hang in a plane of a free tumbling body beside the same links on hinges in space; both runs deviate by
+    some 1e-8 of each motion at these tolerances."""
+    carried = hb.simulate(hb.loads("""model: carried
+components:
+  post:  {is: PlanarFixed, y_0: 1 m}
+  pin:   {is: RevoluteJoint}
+  boom:  {is: RigidLink, l: 1 m}
+  knee:  {is: RevoluteJoint}
+  first: {is: PlaneOnBody}
+  last:  {is: PlaneOnBody}""" + BOOM + """
+  deck:  [deck.a, first.base, last.base]
+  post:  [post.a, pin.a]
+  boom:  [pin.b, boom.a, first.a]
+  elbow: [boom.b, knee.a]
+  jib:   [knee.b, last.a]
+  one:   [first.b, one.a]
+  two:   [last.b, two.a]""" + MOVES), rtol=1e-9)
+    native = hb.simulate(hb.loads("""model: native
+components:
+  post:  {is: SpatialLink, l_z: 1 m}
+  pin:   {is: SpatialRevoluteJoint, n: [0, -1, 0]}
+  boom:  {is: SpatialLink, l_x: 1 m}
+  knee:  {is: SpatialRevoluteJoint, n: [0, -1, 0]}""" + BOOM + """
+  deck:  [deck.a, post.a]
+  post:  [post.b, pin.a]
+  one:   [pin.b, boom.a, one.a]
+  elbow: [boom.b, knee.a]
+  two:   [knee.b, two.a]
+  d_1:   [pin.d]
+  d_2:   [knee.d]""" + MOVES), rtol=1e-9)
+    for node in ("deck", "one", "two"):
+        for member in ("x", "y", "z", "q_0", "q_1", "q_2", "q_3", "v_x", "w_x", "w_y", "w_z"):
+            assert carried[f"{node}.{member}"] == pytest.approx(native[f"{node}.{member}"], abs=1e-6)
+
+
+def test_a_planar_crane_trims_its_barge() -> None:
+    """The moments of the weights about the centre of the waterplane in the axes of the barge are those of the righting
+    moment and of the swell, and the sum of the weights is the buoyancy and the force of the swell."""
+    run = hb.simulate(hb.load("spatial/barge_crane"), "20 ms")
+    values = run.assembly.parameter_values
+    place = np.array([run[f"deck.{axis}"][0] for axis in "xyz"])
+    weights = [(values["barge.m"], place + turned(run, "deck", [0, 0, values["barge.l_z"]]))]
+    for node, part in (("jib", "boom_mass"), ("block", "sheave_mass"), ("cargo", "load_mass")):
+        arm = [values[f"{part}.l_{axis}"] for axis in "xyz"]
+        weights.append((values[f"{part}.m"], np.array([run[f"{node}.{axis}"][0] for axis in "xyz"]) + turned(run, node, arm)))
+    moment = sum(np.cross(at - place, [0, 0, -m*G]) for m, at in weights)
+    assert moment == pytest.approx([run[f"hull.a.M_{axis}"][0] + run[f"wave.a.M_{axis}"][0] + run[f"mooring.b.M_{axis}"][0]
+                                    for axis in "xyz"], abs=1)
+
+
+def turned(run: hb.Result, node: str, arm: list[float]) -> np.ndarray:
+    """A vector of a frame at the start in the fixed frame."""
+    return Rotation.from_quat([run[f"{node}.q_{k}"][0] for k in (1, 2, 3, 0)]).apply(arm)
+
+
 def test_a_hinge_with_dry_friction_swings_and_sticks() -> None:
     """The first turning point: m g l (cos(theta_1) - cos(theta_0)) = M (theta_0 + theta_1) from hanging. The divisors of the
     elimination differ from zero while the hinge sticks and while it slips."""

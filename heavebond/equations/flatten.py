@@ -29,7 +29,7 @@ from heavebond.equations.expand import expand
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.frames import FrameTree, Key, RedundantLoop, frame_tree, with_roots
-from heavebond.equations.medium import with_media
+from heavebond.equations.medium import check_circuits, with_media
 from heavebond.equations.output_checks import check_asked, with_nominal_sizes
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
 from heavebond.equations.parameters import (
@@ -231,6 +231,7 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners
     factor on the widths of all transitions. `corners` gives the number of differentiations of equations (by index) whose
     corners in time become events."""
     expanded = with_media(expand(model))
+    check_circuits(expanded)
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)

@@ -1,4 +1,5 @@
-"""Media of circuits: one component sets the properties of the fluid, and all components of its circuit use them.
+"""Circuits: one component sets the properties of the fluid, all components of its circuit use them, and some components
+exclude others from their circuit.
 
 A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it represents (`medium:
 rho`). A circuit consists of nodes connected by parts with several ports of the domain. A parameter without a value becomes
@@ -18,7 +19,7 @@ from heavebond.core.errors import ModelError, Place, Problems, either
 from heavebond.equations.connect import Terminal
 from heavebond.equations.expand import default
 from heavebond.equations.expanded import Bound, Expanded, Leaf, Medium
-from heavebond.language.definition import Component, Domain, Parameter, Value
+from heavebond.language.definition import CircuitRule, Component, Domain, Parameter, Value
 from heavebond.language.library import Library
 from heavebond.language.symbols import Context, evaluate
 from heavebond.text.expression import Name, Number, names
@@ -88,6 +89,33 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
     return replace(expanded, leaves=leaves, media=(*expanded.media, *media))
 
 
+def check_circuits(expanded: Expanded) -> None:
+    """ModelError for parts in a circuit from which another part excludes them (`circuit:` of its component), and for parts of
+    one circuit whose common port is on different nodes."""
+    problems, domains = Problems(), expanded.model.library.domains
+    for domain in {leaf.component.ports[rule.port].domain: None for leaf in expanded.leaves.values()
+                   if (rule := leaf.component.circuit) is not None}:
+        circuits, nodes = _circuits(expanded, domains[domain]), _circuits(expanded, None)
+        first: dict[tuple[int, CircuitRule], str] = {}  # a part of each circuit with the rule
+        for path, leaf in expanded.leaves.items():
+            if (rule := leaf.component.circuit) is None or leaf.component.ports[rule.port].domain != domain:
+                continue
+            earlier = first.setdefault((circuits.get(Terminal("port", f"{path}.{rule.port}"), -1), rule), path)
+            one, other = (nodes.get(Terminal("port", f"{part}.{rule.shares}")) for part in (earlier, path))
+            if earlier != path and one != other:
+                problems.add("circuit-shared", f"{either([earlier, path])} are in one {domain} circuit, but {rule.shares} of "
+                             "each is on another node", leaf.place,
+                             hint=f"Connect '{path}.{rule.shares}' to the node of '{earlier}.{rule.shares}'.")
+        for path, leaf in expanded.leaves.items():
+            for passage in _passages(path, leaf.component, domains[domain]):
+                for (circuit, rule), part in first.items():
+                    kinds = [kind for kind in rule.excludes if leaf.component.is_a(kind)]
+                    if kinds and circuit in {circuits.get(port) for port in passage}:
+                        problems.add("circuit-excluded", f"'{path}' ({leaf.component.name}) cannot be in the {domain} circuit of "
+                                     f"'{part}' ({expanded.leaves[part].component.name})", leaf.place, hint=rule.advice)
+    problems.raise_as(ModelError)
+
+
 def medium_of(component: Component, domains: Mapping[str, Domain]) -> str:
     """The component that sets the medium from which parameters of a component are taken."""
     domain = _domain_of_medium(component, domains)
@@ -110,12 +138,12 @@ def _passages(path: str, component: Component, domain: Domain) -> list[list[Term
     return list(passages.values())
 
 
-def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
-    """The number of the circuit of each port and of each node."""
+def _circuits(expanded: Expanded, domain: Domain | None) -> dict[Terminal, int]:
+    """The number of the circuit of each port and of each node; without a domain, of the nodes that wires alone connect."""
     links = [[Terminal("node", junction.path), *(Terminal("port", end.name.partition("[")[0]) for end in junction.ends)]
              for junction in expanded.junctions.values()]
     # the ports of a block are joined, or not, by what is inside
-    links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
+    links += [link for path, leaf in expanded.leaves.items() if domain is not None and not leaf.component.composite
               for link in _passages(path, leaf.component, domain)]
     # items that share a link, directly or over others, have the same number
     number: dict[Terminal, int] = {}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.constraint_projection import constraint_equations
 from heavebond.equations.flatten import Flat
-from heavebond.equations.matching import components_of
+from heavebond.equations.matching import block_lower_triangular, components_of, maximum_matching
 from heavebond.equations.resolver import Resolver
 from heavebond.language.symbols import split, stack, uniform
 
@@ -141,6 +141,16 @@ def chosen_states(constraints: Constraints, numbers: Array, preferred: frozenset
 
 
 @dataclass(frozen=True)
+class Block:
+    """Dummies that the equations of a part determine together: their columns, and for each equation its entries in these
+    columns and in those that are known before."""
+
+    columns: list[int]
+    inside: list[NDArray[np.int64]]
+    known: list[NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
 class Part:
     """Equations of one level that share no unknown with the others of it, and all the derivatives in them."""
 
@@ -151,14 +161,42 @@ class Part:
 
     def matrices(self, numbers: Array, columns: Sequence[Column]) -> Array:
         """The Jacobians (N, m, len(columns)) with unknowns in their nominal sizes and rows scaled, from values (n, N)."""
-        place, unknowns = self.constraints.place, self.constraints.flat.unknowns
+        rows, at, values, sizes = self.pattern
         matrix = np.zeros((numbers.shape[1], len(self.rows), len(self.columns)))
-        for r, i in enumerate(self.rows):
-            for c, (j, _) in enumerate(self.columns):
-                if (i, j) in place:
-                    matrix[:, r, c] = numbers[place[(i, j)]] * unknowns[j].nominal
+        matrix[:, rows, at] = numbers[values].T * sizes
         matrix /= np.maximum(np.abs(matrix).max(axis=2, keepdims=True, initial=0.0), 1e-300)
-        return np.asarray(matrix[:, :, [self.columns.index(column) for column in columns]])
+        position = {column: k for k, column in enumerate(self.columns)}
+        return np.asarray(matrix[:, :, [position[column] for column in columns]])
+
+    @cached_property
+    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Array]:
+        """The row, the column and the index of the value of each entry, and the nominal size of its unknown."""
+        position = {j: c for c, (j, _) in enumerate(self.columns)}
+        entries = [(r, position[j], self.constraints.place[(i, j)], self.constraints.flat.unknowns[j].nominal)
+                   for r, i in enumerate(self.rows) for j in self.constraints.rows.get(i, ()) if j in position]
+        rows, at, values, sizes = zip(*entries, strict=True) if entries else ((), (), (), ())
+        return (*(np.array(indices, dtype=np.int64) for indices in (rows, at, values)), np.array(sizes, dtype=float))
+
+    @cached_property
+    def blocks(self) -> list[Block] | None:
+        """The blocks by which the dummies follow from the states, in their order; None if they do not, whatever the values."""
+        rows, at, _, _ = self.pattern
+        dummies = set(self.dummies)
+        place = {c: k for k, c in enumerate(c for c, column in enumerate(self.columns) if column in dummies)}
+        pattern: list[list[int]] = [[] for _ in self.rows]
+        for r, c in zip(rows.tolist(), at.tolist(), strict=True):
+            pattern[r] += [place[c]] if c in place else []
+        matching = maximum_matching(pattern, len(place))
+        if -1 in matching:
+            return None
+        columns, blocks = list(place), list[Block]()
+        for block in block_lower_triangular(pattern, matching):
+            inside = [columns[matching[r]] for r in block]
+            entries = [np.flatnonzero(rows == r) for r in block]
+            within = [np.isin(at[k], inside) for k in entries]
+            blocks.append(Block(inside, [k[own] for k, own in zip(entries, within, strict=True)],
+                                [k[~own] for k, own in zip(entries, within, strict=True)]))
+        return blocks
 
 
 def _levels(constraints: Constraints, pick: Callable[[Part], list[int]], weight: Callable[[Column], float]) -> list[Part]:
@@ -260,14 +298,39 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
     which an exchange of two of them would improve the choice; it is about 1 where the choice was made and has no bound where
     the chart ends. There the sign of det H_d (N,) changes. `numbers` (n, N) are the values of the constraints.
     """
-    states = [column for column in part.columns if column not in part.dummies]
-    inner, outer = (part.matrices(numbers, columns) * [_weight(part.constraints.flat, c, frozenset()) for c in columns]
-                    for columns in (part.dummies, states))
-    worst, sign = np.full(numbers.shape[1], np.inf), np.zeros(numbers.shape[1])
-    good = np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(outer).all(axis=(1, 2))
-    sign[good] = np.linalg.slogdet(inner[good])[0]
-    good &= sign != 0
-    worst[good] = np.abs(np.linalg.solve(inner[good], outer[good])).max(axis=(1, 2), initial=0.0)
+    n, blocks = numbers.shape[1], part.blocks
+    worst, sign = np.full(n, np.inf), np.zeros(n)
+    if blocks is None:
+        return worst, sign
+    rows, at, values, sizes = part.pattern
+    entries = numbers[values] * sizes[:, None]
+    entries /= np.maximum(np.maximum.reduceat(np.abs(entries), np.searchsorted(rows, np.arange(len(part.rows)))), 1e-300)[rows]
+    good = np.isfinite(entries).all(axis=0)
+    entries = entries[:, good]
+    weights = np.array([_weight(part.constraints.flat, column, frozenset()) for column in part.columns])
+    dummies = set(part.dummies)
+    states = [c for c, column in enumerate(part.columns) if column not in dummies]
+    # H_d X = H_s block by block: the rows of X are those of all columns, and -1 for the states
+    found, signs = np.zeros((len(part.columns), len(states), entries.shape[1])), np.ones(entries.shape[1])
+    found[states, range(len(states))] = -1
+    with np.errstate(all="ignore"):  # singular points are left out
+        for block in blocks:
+            right = -np.array([np.einsum("en,esn->sn", entries[known], found[at[known]]) for known in block.known])
+            if len(block.columns) == 1:
+                pivot = entries[block.inside[0]][0]
+                signs *= np.sign(pivot)
+                found[block.columns] = right / pivot
+            else:
+                matrix = np.zeros((entries.shape[1], len(block.columns), len(block.columns)))
+                for r, inside in enumerate(block.inside):
+                    matrix[:, r, [block.columns.index(c) for c in at[inside]]] = entries[inside].T
+                signs *= np.linalg.slogdet(matrix)[0]
+                matrix[signs == 0] = np.eye(len(block.columns))
+                found[block.columns] = np.linalg.solve(matrix, right.transpose(2, 0, 1)).transpose(1, 2, 0)
+        ratios = np.abs(found * weights[states][:, None] / weights[:, None, None])
+    ratios[states] = 0
+    sign[good] = signs
+    worst[good] = np.where(signs != 0, ratios.max(axis=(0, 1), initial=0.0), np.inf)
     return worst, sign
 
 

@@ -249,6 +249,9 @@ def component_file(known: Library) -> Schema:
         "placeholder": _said("reason for a missing law"),
         "approximation": _object({"is": TEXT, "order": TEXT}, ["is", "order"],
                                  "the component without history that can replace it, and the whole number of its order"),
+        "circuit": _object({"port": TEXT, "shares": TEXT, "excludes": WORDS, "advice": TEXT},
+                           ["port", "shares", "excludes", "advice"],
+                           "the port whose circuit excludes kinds of parts, and the port that all its parts have on one node"),
         "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
 

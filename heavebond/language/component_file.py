@@ -13,6 +13,7 @@ from heavebond.language import reading
 from heavebond.language.definition import (
     Approximation,
     Body,
+    CircuitRule,
     Component,
     Delayed,
     Domain,
@@ -54,7 +55,7 @@ COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "opens", "components", "nodes", "layout", "stores", "dissipates", "unbalanced", "power", "requires",
     "effect", "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames",
-    "view")
+    "circuit", "view")
 EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "symbol", "set")
 _FRAMES = "Write `frames: {a to b: {turn: \"turn(n, phi)\", shift: \"[l, 0, 0]\"}}`, or `{a: ...}` in the fixed frame."
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
@@ -127,6 +128,7 @@ class _Parser:
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),
             approximation=self._approximation(root.items.get("approximation"), parameters),
+            circuit=self._circuit(root.items.get("circuit"), ports),
             states=states, view=self._view(root.items.get("view")),
         )
 
@@ -155,6 +157,21 @@ class _Parser:
             self.problems.add("approximation-order", f"`order: {order}` is not a whole number of this component",
                               entry.items["order"].place, hint="Declare it: `m: {integer, min: 0, default: 0}`.")
         return Approximation(kind, order, entry.place)
+
+    def _circuit(self, node: Node | None, ports: Dictionary[str, Port]) -> CircuitRule | None:
+        form = "Write `circuit: {port: a, shares: base, excludes: [PlanarBody], advice: Use a SpatialBody.}`."
+        entry = reading.mapping(node, "circuit", self.problems, form)
+        if entry is None:
+            return None
+        keys = ("port", "shares", "excludes", "advice")
+        reading.known_keys(entry, keys, "circuit", self.problems, keys)
+        port, shares, advice = (reading.text(entry.items.get(key), key, self.problems) for key in ("port", "shares", "advice"))
+        for key, name in (("port", port), ("shares", shares)):
+            if name and name not in ports:
+                self.problems.add("circuit-port", f"`{key}: {name}` is not a port of this component", entry.items[key].place,
+                                  hint=f"Ports: {', '.join(ports)}.")
+        kinds = tuple(word.text for word in reading.words(entry.items.get("excludes"), "excludes", self.problems))
+        return CircuitRule(port, shares, kinds, advice)
 
     def _delayed(self, node: Mapping, key: Scalar) -> Delayed | None:
         """`delayed: {of: u, by: T}`; whether these names have a meaning is checked with the laws of the component."""

@@ -345,6 +345,17 @@ class Approximation:
 
 
 @dataclass(frozen=True)
+class CircuitRule:
+    """What a component requires of the circuit of its `port`, the nodes of the same domain that parts connect: no parts of
+    the kinds `excludes`, and one node for the port `shares` of all parts with the same rule. `advice` is the remedy."""
+
+    port: str
+    shares: str
+    excludes: tuple[str, ...]
+    advice: str
+
+
+@dataclass(frozen=True)
 class EquationLine:
     """One equation with its name (the `#` comment) and its place in the file; `each` is (index, low, high) or None."""
 
@@ -680,6 +691,7 @@ class Component:
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
     approximation: Approximation | None = None
+    circuit: CircuitRule | None = None
     states: tuple[ChartState, ...] = ()
     view: dict[str, ViewShape] = field(default_factory=dict)  # its shapes in an animation of a diagram without `view:`
 

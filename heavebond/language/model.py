@@ -341,6 +341,9 @@ def extended(base: Model, source: Source) -> Model:
                     values_by_name[parameter_name] = value
         parameters = {**base.parameters, **values_by_name}
         plan = read_plan(root.items.get("simulate"), problems)
+        shapes = read_view(root.items.get("view"), problems, source.path.parent)
+        if any(shape.spatial for shape in shapes.values()):  # a machine in the plane has become one in space
+            base = replace(base, view={name: shape for name, shape in base.view.items() if shape.spatial is not False})
         # the place of an inherited part that is removed may remain in the file, in case the part returns
         layout = read_layout(root.items.get("layout"), base.body.layout, problems,
                              parts={**base.body.instances, **instances}, wires={**base.body.wires, **wires})
@@ -357,7 +360,7 @@ def extended(base: Model, source: Source) -> Model:
             begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
             solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
             largest_step=plan.largest_step or base.largest_step, step=plan.step or base.step,
-            view={**base.view, **read_view(root.items.get("view"), problems, source.path.parent)},
+            view={**base.view, **shapes},
             files=(*base.files, source.path))
     problems.raise_as(ModelError)
     return model

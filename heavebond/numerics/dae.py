@@ -46,6 +46,7 @@ SMALLEST_PIVOT = 1e-12  # of sparse QR, the default of CasADi: a smaller pivot i
 # Gradient of a residual of a loop (per size of an unknown) from which on, or below the reciprocal of which, the residual is
 # scaled: the linear solver does not scale rows, and loses the smaller ones of a matrix to rounding.
 FAR_GRADIENT = 1e12
+OTHER_STATES = "in other states"  # key of `memo`
 LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
 
 
@@ -209,7 +210,13 @@ class Assembly:
         flat, reduced = self.flat, self.reduced
         x, z = (np.array([size.value if (size := sizes.get(reduced.name(c))) else flat.unknowns[c[0]].nominal
                           for c in columns]) for columns in (reduced.states, reduced.algebraic))
-        return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
+        return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={OTHER_STATES: self.in_other_states})
+
+    @property
+    def in_other_states(self) -> dict[frozenset[tuple[int, int]], Assembly]:
+        """The assemblies of the same equations with other states and nominal sizes, by their states (see
+        `dynamic_state_selection`)."""
+        return self.once(OTHER_STATES, dict)
 
     def _number(self, name: str, value: float | str, index: int) -> float:
         value = number_or_text(value, self.flat.parameters[index].unit.text, name)

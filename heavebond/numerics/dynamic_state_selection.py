@@ -156,8 +156,10 @@ class StateChoices:
         """The chart with these states; ModelError if events set a variable that is not among them."""
         key = frozenset(states)
         if key not in self._made:
-            self._made[key] = StateChoice(
-                build(self.home.assembly.reduced.choices.solve(states)).with_sizes(self.home.assembly.sizes))
+            solved, home = self.home.assembly.in_other_states, self.home.assembly
+            if key not in solved:
+                solved[key] = build(home.reduced.choices.solve(states))
+            self._made[key] = StateChoice(solved[key].with_sizes(home.sizes))
         return self._made[key]
 
 

@@ -322,7 +322,7 @@ class Simulator:
             if self.assembly.sizes != self._base_sizes and parameters != self._sized_for:
                 self._take_sizes(self._base_sizes)  # sizes that fit one run are not those of another
             self._sized_for = parameters
-            result = self._result(*self._started(parameters), began, lambda: self._started(parameters))
+            result = self._result(*self._started(parameters), began, lambda: self._started(parameters, self.begun))
         check()  # a signal within the last evaluation
         return result
 
@@ -331,8 +331,10 @@ class Simulator:
     near: Start | None = None  # a start that the next one may follow
     _sized_for: Mapping[str, float | str] | None  # the parameters of the last run, which sizes were taken from
 
-    def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
-        """The equations with these parameters, their start, and how it moves along the sensitivities."""
+    def _started(self, parameters: Mapping[str, float | str] | None, before: Start | None = None
+                 ) -> tuple[Assembly, Start, Tangent | None]:
+        """The equations with these parameters, their start, and how it moves along the sensitivities. `before` is a start of
+        the same equations with other sizes."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         if assembly.flat is not self.assembly.flat and self.assembly.flat.zeros:
             raise other_states(self.assembly)
@@ -341,7 +343,7 @@ class Simulator:
             raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "
                                       "equations change with it", delay.place, "Keep its range above 0 s.")])
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
-        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations, self.near)
+        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations, before or self.near)
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
@@ -568,8 +570,13 @@ class Simulator:
             times = np.linspace(stops[0], stops[-1], SIZES.least_stops)
             dense = Simulator(assembly, times=np.union1d(self.time, times), tolerances=self.tolerances, driven=self.pieces,
                               allow_fmu=True)
-            dense_sizes = dense.run().assembly.sizes
-            return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
+            try:
+                if dense._limit_steps(first.p, first.x):
+                    dense._renew()
+                return dense._fitting_sizes(assembly, first, None, dense._integrate(assembly, first, None))
+            except SimulationError:  # with the sizes that fit it before its failure
+                dense_sizes = dense.run().assembly.sizes
+                return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
         chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
         columns = tuple(of[:, chosen] for of in self._columns(first, stops, trace.x, trace.z, trace))
         steps = trace.statistics.get("nsteps", len(stops))
