@@ -98,7 +98,7 @@ CASES = [
     Case("elastic_beam", "tip.y", lambda t: 500/3*216/2e6 + 0*t, LAW),
     # a pendulum of 4 kg with a moment of inertia of 0.1 + 4 kg*m**2
     Case("plane_in_space", "z", lambda t: -np.cos(swing(t, np.pi/3, np.sqrt(4*G/4.1))), SWING, 2e-5),
-    # Coriolis force and the rate of the angular momentum of a mass at 0.2 m + 0.8 m cos(3 rad/s t) on a turntable of 0.5 rad/s
+    # Coriolis force and rate of the angular momentum of a mass at 0.2 m + 0.8 m cos(3 rad/s t) on a turntable of 0.5 rad/s
     Case("plane_on_body", "across", lambda t: 2*4*0.5*0.8*3*np.sin(3*t), LAW),
     Case("plane_on_body", "moment", lambda t: -2*4*0.5*(0.2 + 0.8*np.cos(3*t))*0.8*3*np.sin(3*t), LAW),
     Case("plane_in_space", "y", lambda t: 2 + np.sin(swing(t, np.pi/3, np.sqrt(4*G/4.1)))/2, SWING, 2e-5),

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.energy_audit.audit import energy as audit
+from heavebond.equations.state_selection import preference, strain
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoices
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
@@ -227,6 +228,21 @@ def test_charts_are_exact_maps_of_each_other() -> None:
     home = Result(assembly, result.time[at], result.x[:, at], result.z[:, at], result.u[:, at], result.p, result.start)
     for name in ("links.x_2", "links.v_2", "links.k_2", "der(links.u_1)"):
         assert home[name][good] == pytest.approx(stay[name][good], rel=1e-9, abs=1e-9)
+
+
+def test_the_strain_block_by_block_is_that_of_the_whole_matrix() -> None:
+    """At random values of the constraints, one of which makes the matrix singular; the signs agree up to a common one."""
+    random = np.random.default_rng(1)
+    for part in StateChoices(hb.assemble(hb.load("mechanisms/crane"))).home.parts:
+        numbers = random.normal(size=(len(part.constraints.entries), 6))
+        numbers[[part.constraints.place[(part.rows[0], j)] for j in part.constraints.rows[part.rows[0]]], 5] = 0
+        states = [column for column in part.columns if column not in part.dummies]
+        whole, outer = (part.matrices(numbers, columns) * [preference(part.constraints.flat, column, frozenset())
+                                                           for column in columns] for columns in (part.dummies, states))
+        worst, signs = strain(part, numbers)
+        assert worst[:5] == pytest.approx(np.abs(np.linalg.solve(whole[:5], outer[:5])).max(axis=(1, 2)), rel=1e-8)
+        assert np.isinf(worst[5]) and signs[5] == 0
+        assert len(set((signs[:5] * np.linalg.slogdet(whole[:5])[0]).tolist())) == 1
 
 
 def test_events_in_a_mechanism(tmp_path: Path) -> None:

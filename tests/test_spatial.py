@@ -481,7 +481,8 @@ def test_a_planar_crane_trims_its_barge() -> None:
     weights = [(values["barge.m"], place + turned(run, "deck", [0, 0, values["barge.l_z"]]))]
     for node, part in (("jib", "boom_mass"), ("block", "sheave_mass"), ("cargo", "load_mass")):
         arm = [values[f"{part}.l_{axis}"] for axis in "xyz"]
-        weights.append((values[f"{part}.m"], np.array([run[f"{node}.{axis}"][0] for axis in "xyz"]) + turned(run, node, arm)))
+        at = np.array([run[f"{node}.{axis}"][0] for axis in "xyz"])
+        weights.append((values[f"{part}.m"], at + turned(run, node, arm)))
     moment = sum(np.cross(at - place, [0, 0, -m*G]) for m, at in weights)
     assert moment == pytest.approx([run[f"hull.a.M_{axis}"][0] + run[f"wave.a.M_{axis}"][0] + run[f"mooring.b.M_{axis}"][0]
                                     for axis in "xyz"], abs=1)

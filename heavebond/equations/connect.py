@@ -177,7 +177,8 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
                 hint="A signal acts through a source (ForceSource, FlowSource, ...) and comes from a sensor."
                 if "signal" in kinds else
                 "A machine in space has parts of the library `spatial`, such as SpatialBody and SpatialRevoluteJoint; a "
-                "PlaneInSpace joins a machine in a fixed plane to it, a PlaneOnBody one in the plane of a body." if {"planar", "spatial"} <= set(kinds) else
+                "PlaneInSpace joins a machine in a fixed plane to it, a PlaneOnBody one in the plane of a body."
+                if {"planar", "spatial"} <= set(kinds) else
                 "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
     # a port of any domain has one effort and one flow
     for (path, _), name in bound.items():

@@ -90,8 +90,8 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
 
 
 def check_circuits(expanded: Expanded) -> None:
-    """ModelError for parts in a circuit from which another part excludes them (`circuit:` of its component), and for parts of
-    one circuit whose common port is on different nodes."""
+    """ModelError for parts in a circuit from which another part excludes them (`circuit:` of its component), and for parts
+    of one circuit whose common port is on different nodes."""
     problems, domains = Problems(), expanded.model.library.domains
     for domain in {leaf.component.ports[rule.port].domain: None for leaf in expanded.leaves.values()
                    if (rule := leaf.component.circuit) is not None}:
@@ -103,16 +103,17 @@ def check_circuits(expanded: Expanded) -> None:
             earlier = first.setdefault((circuits.get(Terminal("port", f"{path}.{rule.port}"), -1), rule), path)
             one, other = (nodes.get(Terminal("port", f"{part}.{rule.shares}")) for part in (earlier, path))
             if earlier != path and one != other:
-                problems.add("circuit-shared", f"{either([earlier, path])} are in one {domain} circuit, but {rule.shares} of "
-                             "each is on another node", leaf.place,
+                problems.add("circuit-shared", f"{either([earlier, path])} are in one {domain} circuit, but {rule.shares} "
+                             "of each is on another node", leaf.place,
                              hint=f"Connect '{path}.{rule.shares}' to the node of '{earlier}.{rule.shares}'.")
         for path, leaf in expanded.leaves.items():
             for passage in _passages(path, leaf.component, domains[domain]):
                 for (circuit, rule), part in first.items():
                     kinds = [kind for kind in rule.excludes if leaf.component.is_a(kind)]
                     if kinds and circuit in {circuits.get(port) for port in passage}:
-                        problems.add("circuit-excluded", f"'{path}' ({leaf.component.name}) cannot be in the {domain} circuit of "
-                                     f"'{part}' ({expanded.leaves[part].component.name})", leaf.place, hint=rule.advice)
+                        problems.add("circuit-excluded", f"'{path}' ({leaf.component.name}) cannot be in the {domain} "
+                                     f"circuit of '{part}' ({expanded.leaves[part].component.name})", leaf.place,
+                                     hint=rule.advice)
     problems.raise_as(ModelError)
 
 

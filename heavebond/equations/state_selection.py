@@ -130,7 +130,7 @@ def chosen_states(constraints: Constraints, numbers: Array, preferred: frozenset
     S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
     SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
     """
-    weight = partial(_weight, constraints.flat, preferred=preferred)
+    weight = partial(preference, constraints.flat, preferred=preferred)
 
     def pick(part: Part) -> list[int]:
         weights = [weight(column) for column in part.columns]
@@ -174,12 +174,12 @@ class Part:
         position = {j: c for c, (j, _) in enumerate(self.columns)}
         entries = [(r, position[j], self.constraints.place[(i, j)], self.constraints.flat.unknowns[j].nominal)
                    for r, i in enumerate(self.rows) for j in self.constraints.rows.get(i, ()) if j in position]
-        rows, at, values, sizes = zip(*entries, strict=True) if entries else ((), (), (), ())
-        return (*(np.array(indices, dtype=np.int64) for indices in (rows, at, values)), np.array(sizes, dtype=float))
+        rows, at, values = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in range(3))
+        return rows, at, values, np.array([entry[3] for entry in entries], dtype=float)
 
     @cached_property
     def blocks(self) -> list[Block] | None:
-        """The blocks by which the dummies follow from the states, in their order; None if they do not, whatever the values."""
+        """The blocks by which the dummies follow from the states, in their order; None if they do not for any values."""
         rows, at, _, _ = self.pattern
         dummies = set(self.dummies)
         place = {c: k for k, c in enumerate(c for c, column in enumerate(self.columns) if column in dummies)}
@@ -304,10 +304,11 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
         return worst, sign
     rows, at, values, sizes = part.pattern
     entries = numbers[values] * sizes[:, None]
-    entries /= np.maximum(np.maximum.reduceat(np.abs(entries), np.searchsorted(rows, np.arange(len(part.rows)))), 1e-300)[rows]
+    largest = np.maximum.reduceat(np.abs(entries), np.searchsorted(rows, np.arange(len(part.rows))))  # of each row
+    entries /= np.maximum(largest, 1e-300)[rows]
     good = np.isfinite(entries).all(axis=0)
     entries = entries[:, good]
-    weights = np.array([_weight(part.constraints.flat, column, frozenset()) for column in part.columns])
+    weights = np.array([preference(part.constraints.flat, column, frozenset()) for column in part.columns])
     dummies = set(part.dummies)
     states = [c for c, column in enumerate(part.columns) if column not in dummies]
     # H_d X = H_s block by block: the rows of X are those of all columns, and -1 for the states
@@ -334,7 +335,9 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
     return worst, sign
 
 
-def _weight(flat: Flat, column: Column, preferred: frozenset[int]) -> float:
+def preference(flat: Flat, column: Column, preferred: frozenset[int]) -> float:
+    """The factor on the pivot of a column; the smaller, the sooner it is a state. `preferred` unknowns have an initial
+    value."""
     j, order = column
     if flat.unknowns[j].root and order <= 1:
         return ROOT * (ASKED if j in preferred else 1.0)

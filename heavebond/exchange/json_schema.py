@@ -251,7 +251,7 @@ def component_file(known: Library) -> Schema:
                                  "the component without history that can replace it, and the whole number of its order"),
         "circuit": _object({"port": TEXT, "shares": TEXT, "excludes": WORDS, "advice": TEXT},
                            ["port", "shares", "excludes", "advice"],
-                           "the port whose circuit excludes kinds of parts, and the port that all its parts have on one node"),
+                           "the port whose circuit excludes kinds of parts, the port that all its parts have on one node"),
         "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
 

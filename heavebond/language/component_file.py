@@ -165,7 +165,8 @@ class _Parser:
             return None
         keys = ("port", "shares", "excludes", "advice")
         reading.known_keys(entry, keys, "circuit", self.problems, keys)
-        port, shares, advice = (reading.text(entry.items.get(key), key, self.problems) for key in ("port", "shares", "advice"))
+        port, shares, advice = (reading.text(entry.items.get(key), key, self.problems)
+                                for key in ("port", "shares", "advice"))
         for key, name in (("port", port), ("shares", shares)):
             if name and name not in ports:
                 self.problems.add("circuit-port", f"`{key}: {name}` is not a port of this component", entry.items[key].place,

@@ -203,7 +203,8 @@ class Unexplained(Simulator):
             return measured[:, 0].T, np.ascontiguousarray(np.moveaxis(measured[:, 1:] / self._sizes(start_tangent)[:, None],
                                                                       0, -1))
 
-    def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
+    def _started(self, parameters: Mapping[str, float | str] | None, before: Start | None = None
+                 ) -> tuple[Assembly, Start, Tangent | None]:
         """As `Simulator`, but the start is solved again only if a parameter on which it depends has changed, and it then
         follows the last start."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
@@ -215,7 +216,7 @@ class Unexplained(Simulator):
             p = clocks_at(assembly, first.t, assembly.p.copy())
             p[equations.solved_for] = first.p[equations.solved_for]
             return assembly, replace(first, p=p), start_tangent
-        _, first, start_tangent = super()._started(parameters)
+        _, first, start_tangent = super()._started(parameters, before)
         self._last, self.near = (felt, first, start_tangent), first
         return assembly, first, start_tangent
 

@@ -343,7 +343,10 @@ class Simulator:
             raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "
                                       "equations change with it", delay.place, "Keep its range above 0 s.")])
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
-        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations, before or self.near)
+        first = start(assembly, float(self.time[0]), u, self.start_equations, before or self.near)
+        if before is not None:  # the steps of both: without any, the values of the diagram are exact
+            first = replace(first, steps=first.steps + before.steps)
+        self.begun = first
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
