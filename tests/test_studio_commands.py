@@ -11,6 +11,7 @@ from pathlib import Path
 import browser
 import pytest
 from click.testing import CliRunner
+from oscillator import write_experiment, write_record
 from studio_pages import Server, server, tab
 from test_import_20sim import OWN
 
@@ -136,6 +137,28 @@ def test_a_command_prints_what_it_prints_on_the_command_line(car: Path) -> None:
     with pytest.raises(UsageError, match=r"nothing\.d"):
         run_command(car, {"command_line": LINE, "command": "modes", "values": {"settings": ["nothing.d=2 kN*s/m"]}},
                     car.parent)
+
+
+def test_records_of_the_folder_are_monitored(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    (folder / "records").mkdir(parents=True)
+    write_experiment(folder)
+    write_record(folder / "records" / "sound.csv", 0)
+    write_record(folder / "records" / "softer.csv", 3, count=400, stiffness={250: 42.0})
+    form = next(f for f in forms(LINE)["experiment"] if f["name"] == "monitor")
+    assert form["options"][0] | {"help": ""} == {"name": "records", "flag": "records", "help": "", "metavar": "NAME",
+                                                "kind": "text", "choices": [], "several": True, "required": True}
+    asked = {"command_line": LINE, "command": "monitor", "values": {"records": ["records"], "number": "0"}}
+    with confined(folder):
+        told = run_command(folder / "rig.yaml", asked, folder)
+        for outside in ("../other", "/etc", ".hidden"):
+            with pytest.raises(UsageError, match="outside"):
+                run_command(folder / "rig.yaml", {**asked, "values": {"records": [outside]}}, folder)
+        with pytest.raises(UsageError, match="RECORDS"):
+            run_command(folder / "rig.yaml", {**asked, "values": {}}, folder)
+    assert told["command"] == "heavebond monitor rig.yaml records --diagnose=0"
+    assert told["code"] == 1 and told["files"] == ["rig_monitor/monitor.html"] and "softer" in told["text"]
+    assert (folder / "rig_monitor" / "softer.png").is_file()
 
 
 def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Path) -> None:

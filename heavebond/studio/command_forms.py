@@ -20,10 +20,11 @@ import click
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import free_path
 from heavebond.studio.contents import Entry
+from heavebond.studio.folder import Folder
 
 # the commands by the kind of document; the others have a place of their own in the studio
 COMMANDS = {"model": ("check", "run", "modes", "linear", "design", "sensitivity", "sweep", "energy", "signal", "export"),
-            "experiment": ("compare", "fit", "candidates", "laws", "errors"), "study": ("study", "optimal")}
+            "experiment": ("compare", "fit", "candidates", "laws", "errors", "monitor"), "study": ("study", "optimal")}
 # options that name files or other computers
 EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "activity", "scheduler", "processes", "decide",
             "resume", "schema", "in_place")
@@ -41,10 +42,13 @@ def forms(command_line: str) -> Entry:
         command_forms[kind] = []
         for name in [name for name in names if name in group.commands]:
             command = group.commands[name]
-            options = [{"name": str(p.name), "flag": p.opts[-1], "help": p.help or "", "metavar": p.metavar or "",
-                        "kind": "flag" if p.is_flag else "choice" if isinstance(p.type, click.Choice) else "text",
-                        "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [],
-                        "several": p.multiple, "required": p.required} for p in _options(command)]
+            options = [{"name": str(p.name), "flag": str(p.name), "help": "Files and folders below the opened folder.",
+                        "metavar": "NAME", "kind": "text", "choices": [], "several": True, "required": p.required}
+                       for p in _files(command)]
+            options += [{"name": str(p.name), "flag": p.opts[-1], "help": p.help or "", "metavar": p.metavar or "",
+                         "kind": "flag" if p.is_flag else "choice" if isinstance(p.type, click.Choice) else "text",
+                         "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [],
+                         "several": p.multiple, "required": p.required} for p in _options(command)]
             command_forms[kind].append({"name": name, "summary": command.get_short_help_str(100), "options": options,
                                         "picture": bool(_draws(command)), "formats": list(FORMS.get(name, ()))})
     return dict(command_forms)
@@ -63,6 +67,11 @@ def _options(command: click.Command) -> Iterator[click.Option]:
         if (isinstance(p, click.Option) and p.name not in EXCLUDED and not str(p.name).startswith(PERMISSION)
                 and not isinstance(p.type, click.Path)):
             yield p
+
+
+def _files(command: click.Command | None) -> list[click.Argument]:
+    """The arguments after the document: names of files and folders."""
+    return [p for p in command.params if isinstance(p, click.Argument)][1:] if command else []
 
 
 def _draws(command: click.Command) -> str:
@@ -95,7 +104,10 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
     """Run a command on a document: its printed text, its picture, and the files that it wrote. If the command fails,
     a UsageError has its message."""
     group, name = _group(str(options["command_line"])), str(options.get("command", ""))
-    words = arguments(group, name, dict(options.get("values") or {}))
+    values = dict(options.get("values") or {})
+    files = [str(Folder(folder).inside(str(file).strip())) for p in _files(group.commands.get(name))
+             for file in values.pop(str(p.name), [])]
+    words = arguments(group, name, values)
     command, written = group.commands[name], ""
     with tempfile.TemporaryDirectory(prefix=".heavebond-", dir=folder) as scratch:
         if options.get("picture") is True and (drawing := _draws(command)):
@@ -114,7 +126,7 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
         out, err, code = io.StringIO(), io.StringIO(), 0
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), contextlib.chdir(folder):
             try:
-                group.main([name, *words, "--", str(path)])
+                group.main([name, *words, "--", str(path), *files])
             except SystemExit as ended:
                 code = int(ended.code or 0)
         picture = Path(scratch) / "picture.svg"
@@ -122,9 +134,11 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
     messages = [line for line in err.getvalue().splitlines() if line.strip()]
     if code and not out.getvalue().strip():
         raise UsageError([Problem("command-failed", "\n".join(messages) or f"the command ended with code {code}")])
-    command_text = " ".join(["heavebond", name, path.name,
-                             *(f"'{g}'" if " " in g else g for g in words if scratch not in g)])
+    shown = [path.name, *(str(Path(file).relative_to(folder.resolve())) for file in files), *words]
+    command_text = " ".join(["heavebond", name, *(f"'{g}'" if " " in g else g for g in shown if scratch not in g)])
     printed = "\n".join(line for line in out.getvalue().splitlines() if scratch not in line)
+    outputs = [written] if written and not code else []
+    outputs += re.findall(r"^wrote (.+\.html)$", printed, re.MULTILINE)
     pictures = [{"title": command_text, "svg": svg}] if svg else []
     # those that the command wrote into a folder of its own
     for line in re.findall(r"^wrote (.+\.svg)$", printed, re.MULTILINE)[:MOST_PICTURES]:
@@ -132,5 +146,4 @@ def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
         if path.is_relative_to(folder.resolve()) and path.is_file() and path.stat().st_size < PICTURE_BYTES:
             pictures.append({"title": line, "svg": path.read_text(encoding="utf-8")})
     return {"kind": "command", "command": command_text, "text": printed, "warnings": messages, "code": code,
-            "pictures": pictures,
-            "files": [written] if written and not code else []}
+            "pictures": pictures, "files": outputs}

@@ -30,6 +30,7 @@ from heavebond.studio.workers import Pool, reasons, start_imports
 
 PORT, PORTS = 8437, 20  # the first port that is tried, and their number; the browser keeps drafts of unsaved texts by port
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+REPORTS = {".html": "text/html; charset=utf-8", ".png": "image/png"}
 
 
 class Studio:
@@ -98,10 +99,11 @@ class Studio:
         return Response(json.dumps(answer), 200, self._headers(""), "application/json")
 
     async def _report(self, request: Request) -> Response:
-        """A report in the opened folder, isolated in its origin: its script reaches neither the studio nor the network."""
+        """A report in the opened folder, or a picture of it, isolated in its origin: its script reaches neither the studio
+        nor the network."""
         name = request.path_params["name"]
         try:
-            if not name.endswith(".html"):
+            if Path(name).suffix not in REPORTS:
                 raise UsageError([Problem("file-outside", "no report")])
             with self.folder.opened(self.folder.record(name)) as file:
                 content = await asyncio.to_thread(file.read, FILE_BYTES + 1)
@@ -109,7 +111,7 @@ class Studio:
                 raise UsageError([Problem("file-too-large", "no report")])
         except (HeavebondError, OSError):
             return Response("There is no such report.\n", 404, self._headers(""), "text/plain")
-        return Response(content, 200, {**self._headers(""), "Content-Security-Policy": ALONE}, "text/html; charset=utf-8")
+        return Response(content, 200, {**self._headers(""), "Content-Security-Policy": ALONE}, REPORTS[Path(name).suffix])
 
     def _answer(self, content: bytes, suffix: str, nonce: str) -> Response:
         return Response(content, 200, self._headers(nonce), KINDS[suffix])

@@ -35,5 +35,6 @@ export function commandForm(studio, all, state, running, begin) {
 /** What a command printed. @param {any} result */
 export function commandResult(result) {
   return [el("p", { class: "said" }, "The same on the command line: ", el("code", {}, result.command)), ...result.warnings.map((/** @type {string} */ line) => el("p", { class: "verdict" }, line)),
-    result.text.trim() ? el("pre", { id: "printed", tabindex: "0" }, result.text) : null, result.files.length ? el("p", { class: "said" }, "Written: ", el("code", {}, result.files.join(", "))) : null];
+    result.text.trim() ? el("pre", { id: "printed", tabindex: "0" }, result.text) : null, result.files.length ? el("p", { class: "said" }, "Written: ", ...result.files.flatMap((/** @type {string} */ file, /** @type {number} */ k) => [k ? ", " : "",
+      file.endsWith(".html") ? el("a", { href: `reports/${file.split("/").map(encodeURIComponent).join("/")}`, target: "_blank", rel: "noopener" }, file) : el("code", {}, file)])) : null];
 }
