@@ -48,6 +48,9 @@ CASES = [
     Case("screw_joint", "nut.z", lambda t: -5*G/(5 + 0.03*(2*np.pi/0.5)**2)*t**2/2, RUN),
     Case("universal_joint", "cross.phi", lambda t: swing(t, np.pi*2/3, GATE) - np.pi/2, SWING, 2e-5),
     Case("spherical_joint", "way", cone, RUN),
+    # J dw/dt = -M_c - d w against the angular velocity, whose direction remains; w_t**2/(2 w**2) is below 2e-7
+    Case("ball_friction", "rolls", lambda t: 0.6*(25*np.exp(-0.2*t) - 15), SWING, 2e-6),
+    Case("ball_friction", "spins", lambda t: 0.8*(25*np.exp(-0.2*t) - 15), SWING, 2e-6),
     Case("plane_joint", "plane.s", lambda t: G*np.sin(np.radians(20))*t**2/2, RUN),
     Case("plane_joint", "plane.phi", lambda t: 3*t, RUN),
     Case("cardan_joint", "place.z", lambda t: np.sin(0.5*t) + 5*np.sin(0.2*np.sin(0.8*t)), LAW),
@@ -667,6 +670,16 @@ def test_a_plane_in_space() -> None:
     agree(found["a.F_y"], -F_B[:, 2])
     agree(found["a.M"], M_B @ across)
     agree(found["Q"], F_B @ across)
+
+
+@checks("BallFriction")
+def test_friction_of_a_ball() -> None:
+    found = part("BallFriction", M_c="0.3 N*m", d="0.1 N*m*s/rad", w_t="0.2 rad/s")({
+        **members("a", "w", w_A), **members("b", "w", ALPHA)})
+    w = ALPHA - w_A
+    moment = w*(0.3/np.sqrt(np.sum(w**2, axis=1) + 0.04) + 0.1)[:, None]
+    agree(vector(found, "b", "M"), moment)
+    agree(vector(found, "a", "M"), -moment)
 
 
 @checks("PlaneOnBody")
