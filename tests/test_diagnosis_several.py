@@ -157,6 +157,15 @@ def test_the_leading_laws_are_compared_in_pairs(monkeypatch: pytest.MonkeyPatch)
     assert not pairs
 
 
+def test_other_first_effects_are_followed_only_if_they_may_come_as_near_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A with D leaves little more than noise. B and C with D leave far more, so that no own second effect is searched for
+    them; if B with D comes near the noise as well, one is."""
+    apart = {"": 1000, "A": 10, "B": 40, "C": 60, "AD": 1.3, "BD": 9, "CD": 20}
+    found, made = climbed(monkeypatch, apart)
+    assert found == "AD" and made[:2] == ["", "A"] and not {"B", "C"} & set(made)
+    assert climbed(monkeypatch, {**apart, "BD": 1.45})[1][:4] == ["", "A", "B", "C"]
+
+
 def test_one_step_is_one_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     assert climbed(monkeypatch, MISLED, most=1) == ("C", [""])
 

@@ -448,6 +448,8 @@ def _of(candidate: Candidate, law: StaticLaw | SignalLaw, adjoints: Sequence[Adj
         fixed = {name: parse_quantity(text)[0] for name, text in part.values.items() if not text.startswith("=")}
     elif candidate.attaches in ("input", "channel"):
         places, input_names = [_signal(candidate)], [_signal(candidate), "time"]
+    elif isinstance(law, SignalLaw):  # (only laws in signals have one)
+        return []
     else:
         # a flow into the component is a flow out of the node
         places, input_names, sign = [at_node(name) for name in law.through], [at_node(name) for name in law.given], -1

@@ -252,8 +252,8 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         # estimated noise does not show whether the best selection is incomplete.
         noise_given, best = selections[0][-1].step.experiment.noise_given, min(map(_merit, selections))
         followed = set[str]()
-        for selection in [selections[0], *(s for s in selections[1:WAYS] if noise_given
-                                           and base - _merit(s) > FOLLOWED * (base - best))]:
+        others = [s for s in selections[1:WAYS] if noise_given and base - _merit(s) > FOLLOWED * (base - best)]
+        for selection in [selections[0], *others]:
             if remaining_time() < BEGUN * selection[-1].step.seconds:
                 break
             stage = stepping(following(selection[-1].step), selection)
@@ -267,6 +267,10 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 yield (steps[0][1] or selections)[0], replace(stage, partial=True)
                 joint = (*joint_refits(pair, say, remaining_time),
                          *parallel_refits(selection[0].step, say, remaining_time))
+                # the other selections with this second effect leave more than noise, and this one does not
+                if any(map(near_the_noise, steps[0][1])) and not any(map(_is_near_noise, joint)) and \
+                        {s[0].candidate.label for s in others} <= {t.candidate.label for t in joint}:
+                    break
         if turn == 0 and pairs:
             joint = best_pairs(pairs, joint)
             better = _of_better_pair(selections[0][0].step, joint, followed)
@@ -301,8 +305,12 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
 def near_the_noise(selection: Selection) -> bool:
     """True if a selection of several effects has a residual near the noise; a further effect would be within the error of
     the noise. (A first effect alone is not sufficient, as a second one may show that the first is wrong.)"""
-    last = selection[-1].chosen
-    return len(selection) > 1 and last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
+    return len(selection) > 1 and _is_near_noise(selection[-1].chosen)
+
+
+def _is_near_noise(trial: Refit) -> bool:
+    """True if the residual of a refit is near the noise."""
+    return trial.chi2_fit <= DECISION.near and not trial.chi2_held_out > DECISION.near
 
 
 def _extended(selection: Selection, stage: Stage) -> list[Selection]:
