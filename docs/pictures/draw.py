@@ -211,12 +211,15 @@ def crane(folder: Path) -> Path:
 
 
 def in_space(folder: Path, points: int | None = None) -> list[Path]:
-    """The robot arm in motion, the platform on its cylinders, and the crane after its landing (or after `points` s)."""
-    seconds = 66 if points is None else points
+    """The robot arm in motion, the platform on its cylinders, the crane after its landing (or after `points` s), and the
+    crane on a barge with its load lifted."""
+    seconds, lifted = (66, 18) if points is None else (points, 0.1)
     return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
             save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s"),
             save_animation(animate(hb.load("spatial/landing_crane"), f"{seconds} s"), folder / "landing_crane.png",
-                           at=f"{seconds} s")]
+                           at=f"{seconds} s"),
+            save_animation(animate(hb.load("spatial/barge_crane"), f"{lifted} s"), folder / "barge_crane.png",
+                           at=f"{lifted} s")]
 
 
 def swept(folder: Path) -> list[Path]:
