@@ -66,11 +66,11 @@ def test_thermal_wall_is_a_capacity_between_two_resistances() -> None:
     whole one."""
     R_a, R_b, C = 0.05, 0.15, 5000
     tau = f"{C*R_a*R_b/(R_a + R_b)} s"
-    found = part("ThermalWall", R="0.2 K/W", r=1, s=0.25, tau=tau)({"a.T": T_A, "b.T": 290, "T": 310})
+    found = part("ThermalWall", R="0.2 K/W", r=1, x=-0.25, tau=tau)({"a.T": T_A, "b.T": 290, "T": 310})
     agree(found["a.Q"], (T_A - 310)/R_a)
     agree(found["b.Q"], (290 - 310)/R_b, size=1.0)
     agree(found["der(T)"], (found["a.Q"] + found["b.Q"])/C)
-    found = part("ThermalWall", R="0.2 K/W", r=0.4, s=0.25, tau="100 s")({"a.T": T_A, "b.T": 290, "T": 310})
+    found = part("ThermalWall", R="0.2 K/W", r=0.4, x=-0.25, tau="100 s")({"a.T": T_A, "b.T": 290, "T": 310})
     agree(found["a.Q"], 0.4*(T_A - 310)/R_a + 0.6*(T_A - 290)/0.2)
 
 

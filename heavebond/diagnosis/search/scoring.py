@@ -397,6 +397,7 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
 
 def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
     """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms if a range is above zero.
+    In place of a part, shapes of either sign are also taken with the opposite one.
 
     `motions` are ranges of motion as from `motion_ranges`. If the motion alone gives an empty range (a limit that must be
     positive for a variable that is always negative), the extended range of a refit is used.
@@ -407,7 +408,8 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
     if not ranges:
         return [{}]
     points = []
-    signed = any(low < 0 < high for low, high in ranges.values())
+    both_signs = {name for name, (low, high) in ranges.items() if low < 0 < high}
+    signed = bool(both_signs)
     for share in INSTANTS if candidate.attaches == "parameter" else np.linspace(0.1, 0.9, _points(ranges)) \
             if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
         point = {name: point_of_range(low, high, share) for name, (low, high) in ranges.items()}
@@ -416,6 +418,9 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
                 if name in ranges:
                     point[name] = point_of_range(*ranges[name], part)
         points.append(point)
+        # a depth or a position in a part may be on either side, whatever the size of the other shapes is
+        if candidate.attaches == "replaces" and candidate.vanishing and 0 < len(both_signs) < len(ranges) and share != 0.5:
+            points.append(point | {name: point_of_range(*ranges[name], 1 - share) for name in both_signs})
     return points
 
 
