@@ -291,6 +291,12 @@ def test_the_view_of_the_crane_names_what_it_has(name: str) -> None:
     check_view(assembly, resolved(assembly.model.view, assembly), {})
 
 
+def test_shapes_in_space_replace_those_of_a_machine_in_the_plane() -> None:
+    plane, space = (hb.load(name).view for name in ("mechanisms/crane", "spatial/barge_crane"))
+    assert "truck" in plane and "truck" not in space
+    assert all(shape.spatial is not False for shape in space.values())
+
+
 @pytest.mark.parametrize("name", ["gyroscope", "robot_arm", "platform", "pan_tilt"])
 def test_every_bundled_view_in_space_moves(name: str) -> None:
     found = animate(hb.load(f"spatial/{name}"), "1 s", every="20 ms")

@@ -218,6 +218,24 @@ def test_every_rate_of_a_frame_is_a_derivative() -> None:
         assert wrong_rates(component, bundled.domains) == [], component.name
 
 
+@pytest.mark.parametrize(("rule", "code"), [
+    ("{port: c, shares: b, excludes: [PlanarBody], advice: Use another.}", "circuit-port"),
+    ("{port: a, shares: b, excludes: [PlanarBody]}", "key-missing"),
+    ("a", "not-a-mapping"),
+])
+def test_mistakes_in_the_rule_of_a_circuit(rule: str, code: str, tmp_path: Path) -> None:
+    (tmp_path/"own.yaml").write_text(f"""component: Own
+summary: A part.
+ports: {{a: planar, b: spatial}}
+circuit: {rule}
+equations: |
+  a.F = 0    # none
+""")
+    with pytest.raises(ModelError) as error:
+        library([tmp_path]).component("Own")
+    assert code in [problem.code for problem in error.value.problems]
+
+
 @pytest.mark.parametrize(("line", "code"), [
     ("a to b: {turn: \"turn([0, 0, 1], phi)\", spin: \"[0, w, 0]\", shift: \"[0, 0, 0]\"}", "frames-rate"),
     ("a to c: {turn: \"turn([0, 0, 1], phi)\", shift: \"[0, 0, 0]\"}", "frames-port"),
