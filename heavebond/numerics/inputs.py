@@ -16,6 +16,12 @@ from heavebond.records.measurements import Table, check_gaps, check_time, column
 from heavebond.records.piecewise import Pieces, align, pieces, smoothed_pieces
 from heavebond.records.time_axis import TimeAxis
 
+# Change of an input or of its slope at a break, as a multiple of the mean of all its breaks, above which the break is a kink.
+# In a record of few breaks less suffices. Origin: a tenth of the breaks at most. Doubled: half as many restarts.
+ABRUPT = 10.0
+# Change of an input at a break, as a share of its largest value, that is no kink. Origin: rounding of the coefficients.
+RESOLVED = 1e-9
+
 
 @dataclass(frozen=True)
 class Pieced:
@@ -36,6 +42,20 @@ class Pieced:
     def inner_breaks(self, begin: float, end: float) -> Array:
         """The breaks strictly between."""
         return self.breaks[(self.breaks > begin) & (self.breaks < end)]
+
+    def kinks(self) -> Array:
+        """The breaks at which an input changes abruptly in comparison with its other breaks: steps and spikes after a quiet
+        time. A multistep method that carries its history across such a break may accept a step of any error: at the top
+        of a symmetric spike its prediction and its corrector agree, as the mean slope before is the slope after."""
+        changes, lengths = self.columns.shape[1] - 1, np.diff(self.breaks)
+        abrupt = np.zeros(max(changes, 0), bool)
+        for k in range(1, len(self.columns) - 1, 4) if changes > 0 else ():
+            c, h = self.columns[k:k + 4], lengths
+            steps = np.abs(c[0, 1:] - (c[0] + h*(c[1] + h*(c[2] + h*c[3])))[:-1])
+            bends = np.abs(c[1, 1:] - (c[1] + h*(2*c[2] + h*3*c[3]))[:-1]) * np.minimum(h[1:], h[:-1])
+            jumps = steps + bends
+            abrupt |= jumps > min(ABRUPT, changes / ABRUPT) * np.mean(jumps) + RESOLVED * np.abs(c).max(axis=1)[0]
+        return self.breaks[1:-1][abrupt]
 
 
 def pieced(flat: Flat, begin: float, end: float) -> Pieced:

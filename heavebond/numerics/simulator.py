@@ -132,6 +132,14 @@ class Simulator:
         self._known_slopes: dict[int, ca.Function] = {}
         self.switching = self._switching(charts) if self._cut else None
 
+    @cached_property
+    def _input_kinks(self) -> Array:
+        """The breaks of measured inputs at which a multistep method begins anew; a one-step method stops at all breaks."""
+        if self.solver.name not in ("idas", "cvodes"):
+            return np.zeros(0)
+        breaks = self.pieces.kinks()
+        return breaks[(breaks > self.time[0]) & (breaks < self.time[-1])]
+
     @property
     def _may_be_dense(self) -> bool:
         """Whether points may be added between the stops."""
@@ -166,9 +174,10 @@ class Simulator:
         self.unknown_forcing = stops.unknown
         shorter = stops.longest > 0 and (before == 0 or stops.longest < FORCING.renewed_below * before)
         self.longest = stops.longest if shorter or not self.keeps_shortest else before
-        stops_changed = not np.array_equal(stops.times, self.kinks)
+        kinks = np.union1d(stops.times, self._input_kinks)
+        stops_changed = not np.array_equal(kinks, self.kinks)
         if stops_changed:
-            self.kinks = stops.times
+            self.kinks = kinks
             self._place_stops()
         return shorter or stops_changed
 

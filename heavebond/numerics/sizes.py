@@ -49,8 +49,10 @@ class SizeConstants:
         the default tolerances. Doubled: motions that are resolved to a hundred-thousandth half as well are not named.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
-    zero: share of its nominal size below which a value is zero in any case. Origin: rounding in the products of a symmetric
-        machine that starts exactly; no motion is as small. Doubled: nothing measurable.
+    zero: `noise` of a start that is exact. Origin: rounding in the products of a symmetric machine. Doubled: nothing
+        measurable.
+    least: share of its nominal size below which a value is zero in any case. Origin: squares of smaller values are below the
+        smallest floating-point number. Doubled: nothing measurable.
     max_repeats: repetitions of a run. Origin: the sizes of the first repetition may follow from errors. Doubled:
         nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
@@ -74,6 +76,7 @@ class SizeConstants:
     resolved: float = 1e-5
     noise: float = 1e-12
     zero: float = 1e-19
+    least: float = 1e-120
     max_repeats: int = 3
     points: int = 16
     dense: int = 40
@@ -88,11 +91,10 @@ SIZES = SizeConstants()
 def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float],
               exact: bool = False) -> list[str]:
     """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
-    errors of the largest unknown in its `declared` nominal size; a start that is `exact` has none."""
-    largest = 0.0 if exact else max((value / declared[name] for name, value in reached.items() if np.isfinite(value)),
-                                    default=0.0)
-    return [name for name, value in reached.items()
-            if max(SIZES.noise * largest, SIZES.zero) * declared[name] < value < SIZES.small * nominal[name]]
+    errors of the largest unknown in its `declared` nominal size; a start that is `exact` leaves only its rounding."""
+    largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
+    least = max((SIZES.zero if exact else SIZES.noise) * largest, SIZES.least)
+    return [name for name, value in reached.items() if least * declared[name] < value < SIZES.small * nominal[name]]
 
 
 def little_moved(lowest: Mapping[str, float], highest: Mapping[str, float], exact: bool = False) -> list[str]:
