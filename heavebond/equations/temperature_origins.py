@@ -97,12 +97,19 @@ def origins_of(flat: Flat) -> dict[str, float]:
     unknowns = {s.element_hash() for s in flat.levels[0]}
     numbers = {flat.p[k].element_hash(): q.value for k, q in enumerate(flat.parameters)}
     weights = {u.name: 1.0 for u in flat.unknowns if u.name in variables and u.role == "across"}
+    weights |= {name: 0.0 for name, _, leaf in declared(flat.expanded) if name in parameters and leaf is not None
+                and leaf.component.parameters[name.rpartition(".")[2]].interval}
     conditions = (event.indicator for event in flat.events if event.indicator is not None)
     samples = (flat.p[r.held] - r.value for event in flat.events for r in event.resets if r.held is not None)
     rows = [(row, ca.symvar(row)) for row in (*flat.residuals, *conditions, *samples)]
     rows = [(row, used) for row, used in rows if any(s.element_hash() in symbols for s in used)]
+    given = [(name, value) for name, value, _ in _values(flat) if name in {*variables, *parameters} and
+             isinstance(value, Value) and isinstance(value.expr, Number) and has_origin(value.expr)]
     progress = True
-    while progress:
+    while progress or given:
+        if not progress:  # what no equation determines is what its value says
+            name, _ = given.pop(0)
+            weights.setdefault(name, 1.0)
         progress = False
         for row, used in rows:
             open_names = [symbols[h] for s in used if (h := s.element_hash()) in symbols and symbols[h] not in weights]

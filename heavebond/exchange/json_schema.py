@@ -211,6 +211,7 @@ def component_file(known: Library) -> Schema:
         "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "its usual range"),
         "instant": _said("a time at which something begins or changes, independent of the beginning of a record; "
                          "written without a value", {}),
+        "interval": _said("a difference or an amplitude, which is in K if the unit is degC; written without a value", {}),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
         "meaning": _said("a sentence on the effect of another value, with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,

@@ -283,7 +283,7 @@ class _Parser:
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
-                "medium", "width", "meaning", "typical", "instant")
+                "medium", "width", "meaning", "typical", "instant", "interval")
         integer = "integer" in node.items
         reading.known_keys(node, keys, f"parameter '{key.text}'", self.problems, () if integer else ("unit",))
         unit = DIMENSIONLESS if integer else reading.unit(node.items.get("unit"), self.problems)
@@ -304,7 +304,7 @@ class _Parser:
                          count, reading.text(node.items.get("medium"), "medium", self.problems), "width" in node.items,
                          columns, read_meaning(node.items.get("meaning"), self.problems),
                          read_typical(node.items.get("typical"), unit or DIMENSIONLESS, key.text, self.problems),
-                         "instant" in node.items)
+                         "instant" in node.items, "interval" in node.items)
 
     def _variable(self, key: Scalar, node: Mapping) -> Variable:
         reading.known_keys(node, ("unit", "doc", "min", "max", "start", "held", "count", "nominal", "physical", "beyond",

@@ -268,7 +268,7 @@ class Parameter:
     effect with its value. `medium` names the parameter of the circuit's medium that is the default. An `instant` is a
     time at which something begins or changes; it is independent of the beginning of a record. A `width` is the width of a
     transition that makes a law smooth: results should not depend on it. A width in the unit of a speed belongs to dry
-    friction near rest.
+    friction near rest. An `interval` is a difference or an amplitude, which has no origin, of a quantity in any unit.
     """
 
     name: str
@@ -290,6 +290,7 @@ class Parameter:
     meaning: Meaning | None = None
     typical: Typical | None = None
     instant: bool = False
+    interval: bool = False
 
 
 def rate_of(text: str) -> str | None:

@@ -87,16 +87,18 @@ class Cost:
         return dimension_text(self.dimension)
 
 
-def read_cost(assembly: Assembly, text: str) -> Cost:
-    """Read a cost from its text; UsageError with a caret for mistakes in it."""
+def read_cost(assembly: Assembly, text: str, *, shown: bool = False) -> Cost:
+    """Read a cost from its text, which may be `shown` in a unit with an origin (degC); UsageError with a caret for mistakes
+    in it."""
     tree = parse(text, assembly.model.library)
     cost = _Reader(assembly, text).cost(tree)
-    return replace(cost, origin=_origin(assembly, tree, text)) if cost.dimension == KELVIN else cost
+    return replace(cost, origin=_origin(assembly, tree, text, shown=shown)) \
+        if cost.dimension == KELVIN or has_origin(tree) else cost
 
 
-def _origin(assembly: Assembly, tree: Expr, text: str, subject: str = "cost") -> float | None:
+def _origin(assembly: Assembly, tree: Expr, text: str, subject: str = "cost", shown: bool = False) -> float | None:
     try:
-        return check_origins(tree, assembly.flat.origins.lookup())
+        return check_origins(tree, assembly.flat.origins.lookup(), shown=shown)
     except ExpressionProblem as problem:
         raise _problem(text, problem, subject) from None
 

@@ -14,7 +14,7 @@ import numpy as np
 from heavebond.core.errors import NAMES_LISTED, HeavebondError, ModelError, Place, Problems, UsageError, suggest
 from heavebond.core.parallel import Stopped, check_cancelled
 from heavebond.core.progress import Progress
-from heavebond.core.units import Unit, interval_text, read_unit
+from heavebond.core.units import Unit, counts_from_origin, interval_text, read_unit
 from heavebond.equations.parameters import check_ranges
 from heavebond.language.model import Model
 from heavebond.linear.held_variables import check_decided, held_lines
@@ -284,7 +284,7 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
         units |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
     for measure in study.measures.values():
         with relocated(measure.place, problems):
-            cost = read_cost(assembly, measure.text)
+            cost = read_cost(assembly, measure.text, shown=bool(measure.unit) and counts_from_origin(measure.unit))
             if not measure.unit:
                 units[measure.name] = read_unit(cost.unit)
             else:

@@ -311,6 +311,7 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
 
 _SAME_ORIGIN = {"min", "max", "if_else", "abs", "smooth_abs", "mean", "rms", "peak", "final", "highest", "lowest", "largest",
                 "ref", "last"}
+_LINEAR = {"mean", "final", "last", "ref", "der", "sum", "if_else"}
 
 
 def as_interval(expr: Expr) -> Expr:
@@ -343,6 +344,11 @@ def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: 
         raise ExpressionProblem("unit-offset", "temperatures are added, each with a separate origin", _start(expr), 1,
                                 "Write an interval in K, as in `20 degC + 5 K`; the mean of two is `(a.T + b.T)/2`.")
     for part in _parts(expr):
+        for operand in _own_origins(part) if has_origin(part) else ():
+            if isinstance(operand, (Binary, Negative)) and (of := origins(operand, lookup)) is not None and of not in (0, 1):
+                raise ExpressionProblem("unit-offset", "a temperature is subtracted from a difference" if of == -1 else
+                                        "temperatures are added, each with a separate origin", _start(operand), 1,
+                                        "Write an interval in K, as in `a.T - b.T - 30 K`.")
         if isinstance(part, Binary) and part.op == "*":
             for number, factor in ((part.left, part.right), (part.right, part.left)):
                 if isinstance(number, Number) and has_origin(number) and constant(factor) is None:
@@ -366,6 +372,16 @@ def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: 
                                         part.column, len(part.op), f"Write {_interval(side)}."
                                         if isinstance(side, Number) else "Write an interval in K.")
     return weight
+
+
+def _own_origins(expr: Expr) -> tuple[Expr, ...]:
+    """The operands of an expression that is not linear in them, so that each must be a temperature or a difference."""
+    if isinstance(expr, Binary):
+        plain = [constant(e) is not None and all(n.unit is None for n in _parts(e) if isinstance(n, Number))
+                 for e in (expr.left, expr.right)]
+        linear = expr.op in ("+", "-") or (expr.op == "/" and plain[1]) or (expr.op == "*" and any(plain))
+        return () if linear else (expr.left, expr.right)
+    return children(expr) if isinstance(expr, Compare) or (isinstance(expr, Call) and expr.function not in _LINEAR) else ()
 
 
 def _parts(expr: Expr) -> list[Expr]:

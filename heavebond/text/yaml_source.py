@@ -45,7 +45,7 @@ class Scalar:
 # keys whose values are sentences, which often contain a comma
 TEXTS = {"doc", "summary", "description", "restrictions", "source", "title", "placeholder"}
 # keys written without a value, as in `{integer, min: 1}`
-FLAGS = ("integer", "width", "instant")
+FLAGS = ("integer", "width", "instant", "interval")
 
 
 @dataclass(frozen=True)
