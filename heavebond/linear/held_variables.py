@@ -48,6 +48,8 @@ class HeldVariableConstants:
         openings of a condition are seen.
     grows: eigenvalue of samples that follow each other without a state between, above which they grow. Origin: rounding of
         a counter, which has 1. Doubled (in its excess over 1): nothing.
+    first_samples: samples after which variables that count the first ones have their final values. Origin: the length of
+        a moving average. Doubled: time, for counters without an end.
     distances: sizes of random motions, over nominal sizes, at which a value is compared with that at the point. Origin:
         thresholds near and far. Doubled: nothing.
     draws: random motions of each size. Origin: half of them do not pass the threshold of a relay; 2**-20 is a millionth.
@@ -58,6 +60,7 @@ class HeldVariableConstants:
     jump: float = 1e4
     instants: int = 400
     grows: float = 1.0 + 1e-9
+    first_samples: int = 1000
     distances: tuple[float, ...] = (1e-3, 1.0, 1e3)
     draws: int = 20
 
@@ -375,12 +378,13 @@ class HeldStructure:
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
                 continue
-            node, path = self.first_reset + k, reset.name.rpartition(".")[0]
+            node, state = self.first_reset + k, numbers[(reset.unknown, 0)]
+            path = reset.name.rpartition(".")[0]
             leaf = flat.expanded.leaves.get(path)
             variables.append(HeldVariable(
                 reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
-                float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
-                groups[node] in looped, False, True, *self._paths(node, reached, shown_by), state=True))
+                float(point.x[state]), flat.unknowns[reset.unknown].unit.text, "", True,
+                groups[state] in looped, False, True, *self._paths(state, reached, shown_by), state=True))
             variables[-1] = self._with_exact(variables[-1], self._setters[node], recurring, smooth)
         return tuple(sorted(variables, key=lambda h: (not h.undecided, not h.in_loop)))
 
@@ -389,9 +393,19 @@ class HeldStructure:
         """The variable; `exact` if all recurring events that set it are samples at regular times with smooth values."""
         rows = [row for row, (i, reset) in enumerate(self.updates) if recurring[i] and reset.name == held.name
                 and self.events[i].period is not None]
-        exact = held.sampled and not held.at_threshold and (held.in_loop or held.between) and bool(rows) \
+        exact = held.sampled and not held.at_threshold and held.name not in self._timed and (held.in_loop or held.between) and bool(rows) \
             and all(self.events[i].period is not None for i in setters if recurring[i]) and all(smooth[row] for row in rows)
         return replace(held, exact=exact, rounded=exact and any(row in self.means for row in rows))
+
+    @cached_property
+    def _timed(self) -> set[str]:
+        """The held variables whose effect between samples depends on the time, as the slope of a hold of first order."""
+        assembly = self.assembly
+        t, _, _, p, _, _ = assembly.arguments
+        sides = stack([assembly.ode, assembly.alg])
+        if not ca.depends_on(sides, t):
+            return set()
+        return {h.name for h in assembly.flat.held if ca.depends_on(ca.jacobian(sides, p[h.index]), t)}
 
     def _smooth(self, point: Point) -> dict[int, bool]:
         """True for updates at regular times whose value (of a quantiser its mean) is not rounded to steps, does not jump
@@ -549,7 +563,49 @@ class StartEvents:
             true = holding
             if not events:
                 break
-        return point
+        return self._counted(point)
+
+    @cached_property
+    def _counters(self) -> tuple[list[int], ca.Function] | None:
+        """The held variables that samples set to values of each other alone, as entries of p, and a function that gives
+        their next values; None if there are none."""
+        assembly = self.assembly
+        t, x, z, p, u, _ = assembly.arguments
+        resets = [(i, reset) for i, event in enumerate(assembly.flat.events) for reset in event.resets
+                  if reset.held is not None]
+        regular = {reset.held for _, reset in resets}
+        regular -= {reset.held for i, reset in resets if assembly.flat.events[i].period is None
+                    and assembly.flat.events[i].indicator is not None}
+        following = {reset.held: assembly.express(reset.value) for i, reset in resets
+                     if assembly.flat.events[i].period is not None and reset.held in regular}
+        others = {h.index for h in assembly.flat.held} - set(following)
+        while True:
+            moving = stack([t, x, z, u, *(p[k] for k in sorted(others))])
+            dependent = {k for k, value in following.items() if ca.depends_on(value, moving)}
+            if not dependent:
+                break
+            following = {k: value for k, value in following.items() if k not in dependent}
+            others |= dependent
+        return (list(following), ca.Function("next", [p], [stack(list(following.values()))])) if following else None
+
+    def _counted(self, point: Point) -> Point:
+        """The point with the final values of variables that count the first samples, such as those of a moving average."""
+        if self._counters is None:
+            return point
+        indices, following = self._counters
+        p = point.p.copy()
+        for _ in range(HELD.first_samples):
+            values = np.array(following(p)).ravel()
+            changed = values != p[indices]
+            p[indices] = values
+            if not changed.any():
+                break
+        final = np.array(indices)[~changed]
+        if np.array_equal(p[final], point.p[final]):
+            return point
+        settled = point.p.copy()
+        settled[final] = p[final]
+        return replace(point, p=settled)
 
     def _indicators(self, point: Point) -> Array:
         equations = self._equations
