@@ -341,7 +341,8 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     """The conditions of the start in the arguments of an export; a steady start keeps the inputs constant."""
     flat, equations = assembly.flat, StartEquations(assembly)
     t, _, _, p, pieces, rate = assembly.arguments
-    whole = equations.conditions if first.in_turn else equations.all
+    of_components = first.of_components and bool(equations.component_rows)
+    whole = equations.with_components if of_components else equations.conditions if first.in_turn else equations.all
     aims = (equations.aims if first.in_turn else equations.approach) if equations.guesses else None
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
@@ -357,6 +358,8 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     point = Point(first.t, first.x, first.z, first.p, held_still(column, first.t) if equations.steady else column,
                   0.0 if equations.steady else 1.0)
     sizes = equations.sizes(first.p)
+    if of_components:
+        sizes = equations.following(sizes)
     residual, gradients = whole.at(point)
     gradients = scaled(gradients, None, sizes)
     square = gradients.shape[0] == gradients.shape[1] and not null_space(
