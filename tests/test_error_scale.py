@@ -449,3 +449,49 @@ def test_a_tiny_body_behind_events_and_a_delay_is_accurate_or_reported() -> None
     large = hb.simulate(hb.loads(SAMPLED.replace("e-9", "")))
     error = np.abs(np.asarray(small["b.x"]) - np.asarray(large["b.x"])).max() / np.ptp(large["b.x"])
     assert error < 1e-5 or any(finding.kind == "scale" for finding in small.verdict.findings)
+
+
+@pytest.mark.parametrize("solver", SOLVERS[:3])
+@pytest.mark.parametrize("amplitude", [1e-18, 1e-30])
+def test_a_signal_far_below_any_unit(amplitude: float, solver: str) -> None:
+    """First-order lag of a sine from rest: y = (sin wt - wT cos wt + wT exp(-t/T))/(1 + (wT)**2)."""
+    run = hb.simulate(hb.loads(f"""
+model: lag
+components:
+  sine: {{is: Sine, a: {amplitude} V, T: 10 ms}}
+  lag: {{is: FirstOrderLag, T_1: 5 ms}}
+nodes: {{u: [sine.y, lag.u]}}
+initial: {{lag.y: 0 V}}
+simulate: {{until: 50 ms}}
+"""), solver=solver)
+    t, wt = run.time, 2 * np.pi * run.time / 10e-3
+    k = np.pi
+    assert worst(run.si["lag.y"], amplitude * (np.sin(wt) - k * np.cos(wt) + k * np.exp(-t / 5e-3)) / (1 + k**2)) < 1e-5
+
+
+def test_a_torsion_pendulum_of_tiny_angle_and_a_pressure_of_micropascals_beside_a_large_one() -> None:
+    pendulum = hb.simulate(hb.loads("""
+model: pendulum
+components:
+  i: {is: Inertia, J: 2e-3 kg*m**2}
+  s: {is: TorsionSpring, c: 0.8 N*m/rad}
+  w: {is: FixedShaft}
+nodes: {x: [i.a, s.a], w: [s.b, w.a]}
+initial: {x.phi: 1e-14 rad, x.w: 0 rad/s}
+simulate: {until: 1 s}
+"""))
+    assert worst(pendulum.si["x.phi"], 1e-14 * np.cos(20 * pendulum.time)) < 1e-5
+    oil = hb.simulate(hb.loads("""
+model: leaks
+components:
+  v: {is: Volume, V: 1 L, beta: 1 GPa}
+  g: {is: LaminarLeakage, C: 1e-12 m**3/(s*Pa)}
+  t: {is: Tank}
+  V: {is: Volume, V: 2 L, beta: 1 GPa}
+  G: {is: LaminarLeakage, C: 1e-12 m**3/(s*Pa)}
+nodes: {p: [v.a, g.a], t: [g.b, t.a, G.b], q: [V.a, G.a]}
+initial: {p.p: 1e-6 Pa, q.p: 300 bar}
+simulate: {until: 5 s}
+"""), sensitivities=["g.C"])
+    assert worst(oil.si["p.p"], 1e-6 * np.exp(-oil.time)) < 1e-5
+    assert worst(oil.sensitivity("p.p", "g.C"), -1e6 * oil.time * np.exp(-oil.time)) < 1e-5

@@ -220,3 +220,41 @@ def test_the_peak_of_a_transient_at_the_begin_does_not_depend_on_the_output_inte
     run = hb.simulate(hb.loads(RINGING), every=every).dense
     peak = 1 + np.exp(-np.pi * 0.3 / np.sqrt(1 - 0.3**2))
     assert signal_figures(run.time, run["lag.y"]).most == pytest.approx(peak, rel=1e-4)
+
+
+@pytest.mark.parametrize("measure", ["highest(x)", "rms(power)", "mean(abs(power))"])
+def test_measures_of_a_sweep_do_not_depend_on_the_output_points(measure: str) -> None:
+    text = """
+model: swing
+components:
+  m: {is: Mass, m: 1 kg}
+  s: {is: SpringDamper, c: 39.4784176 N/m, d: 0.05 N*s/m}
+  w: {is: Fixed}
+nodes: {x: [m.a, s.a], w: [w.a, s.b]}
+initial: {x.x: 0 m, x.v: 1 m/s}
+show: {x: {is: x.x, unit: mm}, power: {is: "s.F*x.v", unit: W}}
+simulate: {until: 10 s, every: EVERY}
+"""
+    coarse, fine = (hb.sweep(hb.loads(text.replace("EVERY", every)), {"m.m": "1 kg"}, [measure]).to_pandas()
+                    for every in ("1 s", "1 ms"))
+    # the integral of a kinked signal between the steps of an integrator errs by some 1e-6
+    assert coarse.iloc[0, 1] == pytest.approx(fine.iloc[0, 1], rel=3e-6)
+
+
+def test_measures_of_a_ball_that_bounces_between_output_points() -> None:
+    """From 5 m with 10 m/s**2: 100 J at the impact after 1 s; the integral of x**2 is that of parabolas."""
+    found = hb.sweep(hb.loads("""
+model: ball
+components:
+  m: {is: Mass, m: 2 kg}
+  g: {is: Weight, m: 2 kg, g: 10 m/s**2}
+  f: {is: Fixed}
+  s: {is: RigidStop, e: 0.5}
+nodes: {x: [m.a, g.a, s.b], f: [f.a, s.a]}
+initial: {x.x: 5 m, x.v: 0 m/s}
+show: {x: {is: x.x, unit: m}, e: {is: "1/2*m.m*x.v**2", unit: J}}
+simulate: {until: 2 s, every: 0.7 s}
+"""), {"g.g": "10 m/s**2"}, ["highest(e)", "rms(x)"]).to_pandas()
+    fall, flight = 25 * (1 - 2 / 3 + 1 / 5), 25 * (1 / 3 - 2 / 4 + 1 / 5)  # x = 5 (1 - t**2) and 5 (t - t**2)
+    assert found.iloc[0, 1] == pytest.approx(100, rel=1e-6)
+    assert found.iloc[0, 2] == pytest.approx(np.sqrt((fall + flight) / 2), rel=1e-6)

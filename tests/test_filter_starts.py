@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from test_co_simulation_fmu import fmpy
+from test_export import compiled
 
 import heavebond as hb
+from heavebond.exchange.fmu_export import export_fmu
 from heavebond.numerics.result import Result
 
 SMALL = 1e-7  # errors of the integrator at rtol 1e-8
@@ -169,3 +174,23 @@ components:
 initial: {"lag.z[1]": 1}
 """)
     assert found["lag.y"] == pytest.approx(3 - 2 * np.exp(-found.time / 0.2), abs=SMALL)
+
+
+@pytest.mark.long
+@compiled
+@pytest.mark.parametrize(("block", "output", "start", "expected"), [
+    ("FilteredDerivative, T_f: 10 ms", "1/s", {"a": 5.0}, 0.0), ("FirstOrderLag, T_1: 0.1 s", "1", {"a": 5.0}, 5.0),
+    ("PID, K_p: 1, K_d: 10 s, T_f: 10 ms, y_min: -1000, y_max: 1000, r: 7", "1", {"a": 5.0}, 2.0),
+])
+def test_a_filter_of_an_fmu_starts_at_the_input_that_was_set(block: str, output: str, start: dict[str, float],
+                                                             expected: float, tmp_path: Path) -> None:
+    export_fmu(hb.loads(f"""
+model: filter
+parameters: {{a: 3}}
+components:
+  f: {{is: {block}, u: =a}}
+show: {{y: {{is: f.y, unit: "{output}"}}}}
+simulate: {{until: 1 s}}
+"""), tmp_path / "f.fmu")
+    found = fmpy.simulate_fmu(str(tmp_path / "f.fmu"), stop_time=0.5, output_interval=0.1, start_values=start)
+    assert found["y"] == pytest.approx(np.full(6, expected), abs=1e-9)

@@ -12,6 +12,7 @@ from diagrams import SAMPLED_LOOP
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import UsageError
+from heavebond.language.model import loads
 from heavebond.linear.stability import STABLE, UNDECIDED
 from heavebond.numerics.dae import assemble
 from heavebond.optimise.objective import Objective, tuning_task
@@ -273,3 +274,73 @@ def test_the_command_tune_says_that_the_stability_of_a_loop_with_a_sampled_relay
     assert "stability not decided" in said and "h.last" in said
     code, _ = _command([*words, "--stable"], tmp_path)
     assert code != 0 and "h.last" in capsys.readouterr().err
+
+
+def least_gain(block: str) -> float:
+    """The gain margin of an integrator of 1/s behind a sampled block with 2, sampled every 0.1 s."""
+    margin = hb.loop_margins(loads(f"""
+model: loop
+components:
+  s: {{is: Sum, k_1: 1, k_2: -1, u_1: 1}}
+  q: {{is: {block}, T_s: 0.1 s, t_0: 30 ms}}
+  g: {{is: Gain, k: 2}}
+  i: {{is: Integrator, k: 1 1/s}}
+nodes: {{a: [s.y, q.u], b: [q.y, g.u], c: [g.y, i.u], y: [i.y, s.u_2]}}
+initial: {{i.y: 0}}
+simulate: {{until: 20 s}}
+"""), "s.y").least_gain
+    assert margin is not None
+    return margin.value
+
+
+@pytest.mark.parametrize(("block", "limit"), [("UnitDelay", 1.0), ("FirstOrderHold", 1.0), ("MovingAverage, n: 3", 1.5)])
+def test_margins_are_those_after_the_first_samples(block: str, limit: float) -> None:
+    """A = K T_s at the limit of stability: 1 for z**2 - z + A and for z**2 - (1 - 1.5 A) z - 0.5 A, 1.5 for
+    z**3 - z**2 + A/3 (z**2 + z + 1). A hold of first order has no slope and an average no past in its first sample, and
+    the slope acts between samples alone."""
+    assert least_gain(block) == pytest.approx(limit / 0.2, rel=1e-6)
+
+
+def test_a_share_that_changes_between_samples_is_not_taken_as_constant(tmp_path: Path) -> None:
+    """y = last + slope*(time - t_k): frozen at the instant of a sample, the slope would not act."""
+    (tmp_path / "line.yaml").write_text("""
+component: LineThroughSamples
+summary: Straight line through two samples.
+ports: {u: {signal: in, unit: 1}, y: {signal: out, unit: 1}}
+parameters: {T_s: {unit: s, min: 1e-9 s, doc: period}}
+variables:
+  last: {unit: 1, held: 0, doc: last sample}
+  slope: {unit: 1/s, held: 0, doc: slope}
+  t_k: {unit: s, held: 0 s, doc: time of the last sample}
+equations: |
+  y = last + slope*(time - t_k)   # line
+when:
+  sample: {every: T_s, then: {last: u, slope: (u - last)/T_s, t_k: time}}
+""", encoding="utf-8")
+    (tmp_path / "loop.yaml").write_text("""
+model: loop
+components:
+  q: {is: LineThroughSamples, T_s: 0.1 s, u: =1 - i.y}
+  i: {is: Integrator, k: 2 1/s}
+nodes: {b: [q.y, i.u]}
+initial: {i.y: 0}
+simulate: {until: 2 s}
+""", encoding="utf-8")
+    assert "not decided" in str(hb.modes(tmp_path / "loop.yaml"))
+
+
+def test_a_locked_clutch_makes_one_body_of_two() -> None:
+    found = hb.modes(loads("""
+model: locked
+components:
+  a: {is: Inertia, J: 2 kg*m**2}
+  b: {is: Inertia, J: 3 kg*m**2}
+  c: {is: LockingClutch, M_max: 500 N*m, u: 1}
+  s: {is: TorsionSpring, c: 500 N*m/rad}
+  w: {is: FixedShaft}
+nodes: {x: [a.a, c.a], y: [b.a, c.b, s.a], w: [s.b, w.a]}
+initial: {x.phi: 0.001 rad, x.w: 0 rad/s, y.w: 0 rad/s, y.phi: 0.001 rad}
+simulate: {until: 2 s}
+""")).as_dict()
+    assert any(mode["frequency"] == pytest.approx(10 / (2 * np.pi), rel=1e-6) for mode in found["modes"])
+    assert {h["variable"] for h in found["held"]} >= {"c.mode"}

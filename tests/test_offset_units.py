@@ -210,3 +210,60 @@ def test_the_command_line_shows_an_interval_in_kelvin(tmp_path: Path) -> None:
     text = CliRunner().invoke(main, ["run", str(path)]).output
     row = next(line.split() for line in text.splitlines() if line.startswith("dT"))
     assert row[1] == "K" and float(row[3]) == 60.0
+
+
+PLATES = """
+model: plates
+components:
+  a: {is: HeatCapacity, m: 1 kg, c: 460 J/(kg*K)}
+  b: {is: HeatCapacity, m: 1 kg, c: 460 J/(kg*K)}
+  r: {is: ThermalResistance, R: 0.2 K/W}
+  s: {is: TemperatureSensor}
+  q: BLOCK
+nodes: {s: [s.y, q.IN], a: [a.a, r.a, s.a], b: [b.a, r.b]}
+initial: {a.T: 80 degC, b.T: 20 degC}
+show: {y: {is: q.y, unit: degC}, d: {is: a.T - b.T, unit: degF}}
+simulate: {until: 46 s}
+"""
+GAIN = PLATES.replace("BLOCK", "{is: Gain, k: 1}").replace("IN", "u")
+
+
+@pytest.mark.parametrize(("cost", "instead"), [
+    ("((final(a.T - b.T) - 30 degC)/(1 degC))**2", "30 K"),
+    ("((final(a.T) - 60 degC)/(0.5 degC))**2", "`0.5 K`"),
+    ("abs(final(d) - 54 degF)/(1 degF)", "30 K"),
+])
+def test_a_cost_with_an_interval_given_as_a_temperature_is_refused(cost: str, instead: str) -> None:
+    with pytest.raises(hb.UsageError) as caught:
+        hb.tune(hb.loads(GAIN), hb.tuning_task({"r.R": "0.05 .. 2 K/W"}, cost))
+    assert caught.value.problems[0].code == "unit-offset"
+    assert instead in caught.value.problems[0].hint
+
+
+def test_a_multiple_of_a_temperature_is_not_shown_in_degC_and_a_difference_of_two_costs_is_an_interval() -> None:
+    for measure in ("2*final(a.T) in degC", "final(a.T)/2 in degC"):
+        with pytest.raises(hb.HeavebondError, match="each with a separate origin"):
+            hb.sweep(hb.loads(GAIN), {"r.R": "0.2 K/W"}, [measure])
+    found = hb.sweep(hb.loads(GAIN), {"r.R": "0.2 K/W"}, ["final(a.T) - final(b.T) in degC"]).to_pandas()
+    assert found.columns[1].endswith("[K]")
+    assert found.iloc[0, 1] == pytest.approx(60 / np.e, rel=1e-5)
+
+
+@pytest.mark.parametrize(("block", "given"), [
+    ("{is: Quantiser, step: 0.5 degC, T_s: 1 s}", "0.5"), ("{is: DeadBand, g: 2 degC}", "2"),
+    ("{is: SensorOffset, offset: 2 degC}", "2"), ("{is: Sum, u_2: =noise.y}", "0.3"),
+])
+def test_a_step_a_band_and_an_amplitude_of_a_signal_are_intervals(block: str, given: str) -> None:
+    text = PLATES.replace("IN", "u_1" if "Sum" in block else "u").replace("BLOCK", block)
+    if "Sum" in block:
+        text = text.replace("nodes:", "  noise: {is: WhiteNoise, sigma: 0.3 degC, T_s: 1 s}\nnodes:")
+    with pytest.raises(hb.ModelError, match="is a difference of temperatures") as caught:
+        hb.simulate(hb.loads(text))
+    assert caught.value.problems[0].hint == f"Write '{given} K'."
+
+
+def test_the_difference_of_a_sensor_and_a_setpoint_is_an_interval() -> None:
+    text = PLATES.replace("IN", "u_1").replace("BLOCK", "{is: Sum, k_1: 1, k_2: -1, u_2: 20 degC}")
+    run = hb.simulate(hb.loads(text))
+    assert run["y"].unit == "K"
+    assert run["y"].magnitude[[0, -1]] == pytest.approx([60, 30 + 30 / np.e], rel=1e-5)

@@ -272,3 +272,53 @@ simulate: {from: -3.5 s, until: 9.5 s}
     with pytest.raises(hb.HeavebondError, match=r"v\[1\] == v\[n\]"):
         hb.simulate(hb.loads("model: open\ncomponents:\n  k: {is: TableSource, outside: 2, t: [0 s, 1 s], v: [0, 1]}\n"
                              "simulate: {until: 1 s}\n"))
+
+
+@pytest.mark.parametrize("solver", ["auto", "idas", "cvodes"])
+@pytest.mark.parametrize("width", [0.005, 0.5])
+def test_a_spike_in_a_quiet_record_is_integrated(width: float, solver: str, tmp_path: Path) -> None:
+    """A triangle of two rows and a top charges a capacitor. A multistep method that goes on with its history over the top
+    takes a step of 3 % of the area: the mean slope before the top is the slope after it."""
+    rows = [*((500.0 * k, 0.0) for k in range(11)), (7000.0, 0.0), (7000.0 + width, 2.0), (7000.0 + 2 * width, 0.0),
+            (10000.0, 0.0)]
+    (tmp_path / "spike.csv").write_text("t,i\n" + "".join(f"{t!r},{i}\n" for t, i in rows), encoding="utf-8")
+    (tmp_path / "spike.yaml").write_text("""
+model: spike
+components:
+  i: {is: CurrentSource, u: {file: spike.csv, column: i, unit: A, interpolation: linear, gaps: bridge}}
+  c: {is: Capacitor, C: 1 F}
+  r: {is: Resistor, R: 1 kohm}
+  g: {is: ElectricalGround}
+nodes: {p: [i.a, c.a, r.a], n: [i.b, c.b, r.b, g.a]}
+initial: {p.v: 0 V}
+simulate: {until: 9000 s}
+""", encoding="utf-8")
+    found = hb.simulate(hb.load(tmp_path / "spike.yaml"), solver=solver).si["p.v"][-1]
+    # the spike is symmetric about its top; 1e-5 is the accuracy of a run at the default tolerances
+    assert found == pytest.approx(2 * width * np.exp(-(2000 - width) / 1000), rel=1e-5)
+
+
+def test_steps_in_a_record_of_noise_are_no_kinks() -> None:
+    from heavebond.numerics.inputs import Pieced
+
+    breaks, random = np.arange(1001.0), np.random.default_rng(1)
+    values = random.standard_normal(1001)
+    columns = np.vstack([breaks[:-1], values[:-1], np.diff(values), np.zeros((2, 1000))])
+    assert len(Pieced(breaks, columns).kinks()) == 0
+    values = np.where(breaks > 400, 1.0, 0.0)
+    columns = np.vstack([breaks[:-1], values[:-1], np.zeros((3, 1000))])
+    assert Pieced(breaks, columns).kinks().tolist() == [401.0]
+
+
+@pytest.mark.parametrize("solver", ["auto", "idas", "cvodes"])
+def test_a_narrow_pulse_passes_a_long_delay(solver: str) -> None:
+    found = hb.simulate(hb.loads("""
+model: late
+components:
+  d: {is: Delay, T: 333.3 s, u: "=exp(-((time - 500.0003 s)/1 ms)**2)"}
+  i: {is: Integrator, k: 1 1/s}
+nodes: {b: [d.y, i.u]}
+simulate: {until: 1000 s, every: 100 s}
+"""), solver=solver).si["i.y"]
+    assert found[8] == pytest.approx(0, abs=1e-9)
+    assert found[9] == pytest.approx(np.sqrt(np.pi) * 1e-3, rel=1e-5)

@@ -129,3 +129,46 @@ def test_points_of_an_integrator_that_crawls_stay_an_instant_apart() -> None:
             looks = ahead.coming(0.5, 1.0, 0)
             assert looks.times[0] - 0.5 >= 0.4 * same  # it divides the way to the next stop by a power of two
             ahead.accept(0.5, looks, 10**6) if crawl == "accept" else ahead.refine(0.5, looks, 0)
+
+
+@pytest.mark.parametrize("solver", ["auto", "idas", "cvodes"])
+def test_samples_impacts_and_planets(solver: str) -> None:
+    """A loop sampled every picosecond, a ball that bounces within femtoseconds, and a planet that cools in 1e17 s."""
+    found = hb.simulate(hb.loads("""
+model: sampled
+components:
+  h: {is: SampleHold, T_s: 1e-12 s, u: "=1 - i.y"}
+  i: {is: Integrator, k: 5e11 1/s}
+nodes: {a: [h.y, i.u]}
+initial: {i.y: 0}
+simulate: {until: 10.5e-12 s, every: 1e-12 s}
+"""), solver=solver)
+    assert found.si["i.y"][:11] == pytest.approx(1 - 0.5**np.arange(11), abs=1e-12)  # rounding of some operations
+    if solver != "cvodes":
+        ball = hb.simulate(hb.loads("""
+model: ball
+components:
+  m: {is: Mass, m: 1 ng}
+  f: {is: ForceSource, u: -2e12 N}
+  w: {is: Fixed}
+  s: {is: RigidStop, e: 0.5}
+nodes: {x: [m.a, f.a, s.b], w: [w.a, s.a]}
+initial: {x.x: 1e-6 m, x.v: 0 m/s}
+nominal: {f.u: 1e12 N, m.a.f: 1e12 N, f.a.f: 1e12 N, x.v: 1e9 m/s, s.v: 1e9 m/s}
+simulate: {until: 1.9e-15 s, every: 1e-17 s}
+"""), solver=solver)
+        assert [t for t, name in ball.events if name == "s.impact"] == pytest.approx([1e-15], rel=1e-9)
+        late = ball.time > 1e-15
+        rest = ball.time[late] - 1e-15
+        assert ball.si["x.x"][late] == pytest.approx(1e9 * rest - 1e24 * rest**2, abs=1e-13)  # 1e-7 of the largest height
+    cooled = hb.simulate(hb.loads("""
+model: planet
+components:
+  h: {is: HeatCapacity, m: 6e18 kg, c: 1000 J/(kg*K)}
+  r: {is: ThermalResistance, R: 1e-5 K/W}
+  a: {is: Ambient, T_0: 3 K}
+nodes: {x: [h.a, r.a], a: [r.b, a.a]}
+initial: {x.T: 5000 K}
+simulate: {until: 1e17 s}
+"""), solver=solver)
+    assert cooled.si["x.T"] == pytest.approx(3 + 4997 * np.exp(-cooled.time / 6e16), rel=1e-6)

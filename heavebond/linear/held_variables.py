@@ -393,8 +393,9 @@ class HeldStructure:
         """The variable; `exact` if all recurring events that set it are samples at regular times with smooth values."""
         rows = [row for row, (i, reset) in enumerate(self.updates) if recurring[i] and reset.name == held.name
                 and self.events[i].period is not None]
-        exact = held.sampled and not held.at_threshold and held.name not in self._timed and (held.in_loop or held.between) and bool(rows) \
-            and all(self.events[i].period is not None for i in setters if recurring[i]) and all(smooth[row] for row in rows)
+        exact = held.sampled and not held.at_threshold and held.name not in self._timed and bool(rows) \
+            and (held.in_loop or held.between) and all(smooth[row] for row in rows) \
+            and all(self.events[i].period is not None for i in setters if recurring[i])
         return replace(held, exact=exact, rounded=exact and any(row in self.means for row in rows))
 
     @cached_property

@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from heavebond.core.errors import Problem, UsageError
 from heavebond.numerics.dae import LARGE, Array, Assembly, Integrand, smallest_pivot
 from heavebond.numerics.machine_code import Evaluated
 from heavebond.numerics.sparse_jacobian import given_jacobian
@@ -28,6 +29,7 @@ FIRST_STEP = 1e-9
 # CasADi integrates no interval of less than 1e-9 of its time. If two stops are closer than so many seconds, it gets another
 # unit of time.
 SHORTEST = 1e-5
+LARGEST_TOLERANCE = 0.1
 _TURN = RLock()
 RESTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # s; instants at which `at_rest` yields the state
 MOST_STEPS_TO_REST = 20_000
@@ -45,6 +47,13 @@ class Tolerances:
     rtol: float = 1e-8
     atol: float = 1e-10
     along: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name, value in (("rtol", self.rtol), ("atol", self.atol)):
+            if not 0 < value <= LARGEST_TOLERANCE:
+                raise UsageError([Problem("tolerance-bad", f"{name} = {value:g} is no tolerance; it must be above 0 and at "
+                                          f"most {LARGEST_TOLERANCE:g}", None, f"Leave it out, or give for example "
+                                          f"{name}={type(self).__dataclass_fields__[name].default:g}.")])
 
     def scaled(self, factor: float) -> Tolerances:
         """Both tolerances times a factor."""

@@ -16,8 +16,8 @@ from heavebond.records.measurements import Table, check_gaps, check_time, column
 from heavebond.records.piecewise import Pieces, align, pieces, smoothed_pieces
 from heavebond.records.time_axis import TimeAxis
 
-# Change of an input or of its slope at a break, as a multiple of the mean of all its breaks, above which the break is a kink.
-# In a record of few breaks less suffices. Origin: a tenth of the breaks at most. Doubled: half as many restarts.
+# Change of an input or of its slope at a break, as a multiple of the mean of all its breaks, above which it is a kink. In a
+# record of few breaks less suffices. Origin: a tenth of the breaks at most. Doubled: half as many restarts.
 ABRUPT = 10.0
 # Change of an input at a break, as a share of its largest value, that is no kink. Origin: rounding of the coefficients.
 RESOLVED = 1e-9

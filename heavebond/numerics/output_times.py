@@ -83,6 +83,9 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     step = seconds(every, "every") if every is not None else _from_model(model.every)
     span = end - begin
     step = span / POINTS if step is None else step
+    if not (np.isfinite(end) and np.isfinite(step)):
+        raise UsageError([Problem("value-not-finite", f"until ({end:g} s) or every ({step:g} s) has no finite value", None,
+                                  "Give a finite number.")])
     if begin and not span > 0:
         raise UsageError([Problem("time-not-positive", f"the run would end at {end:.10g} s, before it begins: from "
                                   f"{begin:.10g} s", None, "`until` is a time, not a duration: give one after `from`.")])

@@ -49,8 +49,8 @@ class SizeConstants:
         the default tolerances. Doubled: motions that are resolved to a hundred-thousandth half as well are not named.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
-    zero: `noise` of a start that is exact. Origin: rounding in the products of a symmetric machine. Doubled: nothing
-        measurable.
+    zero: `noise` of a start that is exact, and share of its nominal size below which a value after another start is zero.
+        Origin: rounding in the products of a symmetric machine. Doubled: nothing measurable.
     least: share of its nominal size below which a value is zero in any case. Origin: squares of smaller values are below the
         smallest floating-point number. Doubled: nothing measurable.
     max_repeats: repetitions of a run. Origin: the sizes of the first repetition may follow from errors. Doubled:
@@ -93,7 +93,7 @@ def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declar
     """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
     errors of the largest unknown in its `declared` nominal size; a start that is `exact` leaves only its rounding."""
     largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
-    least = max((SIZES.zero if exact else SIZES.noise) * largest, SIZES.least)
+    least = max(SIZES.zero * largest, SIZES.least) if exact else max(SIZES.noise * largest, SIZES.zero)
     return [name for name, value in reached.items() if least * declared[name] < value < SIZES.small * nominal[name]]
 
 

@@ -11,7 +11,7 @@ ranks parameters of any unit. Parameters that are zero have no influence in this
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -174,6 +174,9 @@ def sensitivity(model: ModelOrFile | Assembly, of: Sequence[str], *, until: Time
     UsageError for an unknown name, or a parameter that is zero or is solved for at the start.
     """
     signals = [of] if isinstance(of, str) else list(of)
+    if isinstance(parameters, Mapping):
+        raise UsageError([Problem("parameter-values", "`parameters` are names here; values were given", None,
+                                  "Give the values to the diagram, `model.with_parameters({...})`.")])
     assembly = assemble(model, signals)
     return rank(assembly, signals, parameters, until, every=every, most=most, progress=progress)
 
