@@ -402,3 +402,57 @@ def test_a_locus_runs_over_values_of_the_parameters_unit(span: str, code: str) -
         hb.root_locus(hb.load("cmc_ahc"), "controller.K_p", parse_range(span))
     assert [p.code for p in caught.value.problems] == [code]
     assert "1/m" in str(caught.value)
+
+
+ELECTRICAL = """
+model: branches
+components:
+  v: {is: VoltageSource, u: 0 V}
+  c: {is: Capacitor, C: 1 uF}
+  r: {is: Resistor, R: 1 kohm}
+  l: {is: Inductor, L: 1 mH}
+  g: {is: ElectricalGround}
+nodes: {p: [v.a, c.a, l.a], q: [c.b, r.a], n: [v.b, r.b, l.b, g.a]}
+simulate: {until: 1 ms}
+"""
+PLATES = """
+model: plates
+components:
+  a: {is: HeatCapacity, m: 1 kg, c: 500 J/(kg*K)}
+  b: {is: HeatCapacity, m: 3 kg, c: 500 J/(kg*K)}
+  r: {is: ThermalResistance, R: 2 K/W}
+  q: {is: HeatSource, u: 0 W}
+nodes: {a: [a.a, r.a, q.a], b: [b.a, r.b]}
+simulate: {until: 1 s}
+"""
+CYLINDER = """
+model: cylinder
+components:
+  q: {is: FlowSource, u: 0 L/min}
+  c: {is: SingleActingCylinder, A_A: 20 cm**2, V_0: 1 L, beta: 1 GPa}
+  m: {is: Mass, m: 50 kg}
+  d: {is: Damper, d: 100 N*s/m}
+  w: {is: Fixed}
+nodes: {p: [q.a, c.A], w: [c.a, w.a, d.a], x: [c.b, m.a, d.b]}
+initial: {x.x: 0.1 m, x.v: 0 m/s, p.p: 0 bar}
+simulate: {until: 1 s}
+"""
+DERIVATIVE = """
+model: cancelled
+components: {i: {is: Integrator, k: 3 1/s, u: 0}, d: {is: FilteredDerivative, T_f: 0.1 s}}
+nodes: {a: [i.y, d.u]}
+initial: {i.y: 0}
+simulate: {until: 1 s}
+"""
+
+
+@pytest.mark.parametrize(("text", "source", "gains"), [
+    (ELECTRICAL, "v.u", {"q.v": 0.0, "l.i": np.inf, "r.i": 0.0}),  # a capacitor blocks, an inductor shorts
+    (PLATES, "q.u", {"a.T": np.inf, "a.T - b.T": 2 * 0.75, "r.Q": 0.75}),  # three quarters of the heat flow on
+    (CYLINDER, "q.u", {"x.x": np.inf, "x.v": 1 / 20e-4, "p.p": 100 / 20e-4**2}),
+    (DERIVATIVE, "i.u", {"d.y": 3.0}),  # a zero at 0 cancels the integrator
+], ids=["electrical", "thermal", "hydraulic", "signal"])
+def test_gains_at_zero_frequency_beside_integrators(text: str, source: str, gains: dict[str, float]) -> None:
+    for output, gain in gains.items():
+        found = hb.state_space(hb.loads(text), [source], [output]).dc_gain()[0, 0]
+        assert found == pytest.approx(gain, rel=1e-9, abs=1e-12), output

@@ -98,3 +98,27 @@ def test_values_of_their_own_or_parts_that_take_nothing_else_stay() -> None:
 def test_a_part_that_takes_only_a_density_takes_that_of_the_tank() -> None:
     model = hb.loads(TANK.replace("is: SharpEdgedOrifice, d: 20 mm", "is: TurbulentLeakage, A: 1 cm**2"))
     assert hb.assemble(model).parameter_values["o.rho"] == 1000.0
+
+
+@pytest.mark.parametrize("parts", [
+    """  t: {is: OpenTank, A: 1 m**2}
+  l: {is: Line, n: 2, length: 5 m, d: 20 mm}
+  s: {is: Tank}
+  c: {is: Cap}
+nodes: {x: [t.b, l.a], y: [l.b, s.a], z: [t.a, c.a]}""",
+    """  p: {is: FlowSource, u: 10 L/min}
+  o: {is: SharpEdgedOrifice, d: 3 mm}
+  t: {is: OpenTank, A: 0.1 m**2}
+  c: {is: Cap}
+nodes: {x: [p.a, o.a], y: [o.b, t.b], z: [t.a, c.a]}""",
+    """  w: {is: Fluid, rho: 1000 kg/m**3, nu: 1e-6 m**2/s, beta: 2.1 GPa}
+  f: {is: Fluid, rho: 870 kg/m**3, nu: 46e-6 m**2/s, beta: 1.4 GPa}
+  v: {is: Volume, V: 1 L}
+  o: {is: SharpEdgedOrifice, d: 1 mm}
+  t: {is: Tank}
+nodes: {x: [v.a, o.a, w.a], y: [o.b, t.a, f.a]}""",
+], ids=["tank and line", "pump and tank", "two fluids"])
+def test_further_circuits_of_two_media_are_refused(parts: str) -> None:
+    with pytest.raises(hb.ModelError) as caught:
+        hb.simulate(hb.loads(f"model: mixed\ncomponents:\n{parts}\nsimulate: {{until: 1 s}}\n"))
+    assert caught.value.problems[0].code in ("media-defaults", "media-mixed")

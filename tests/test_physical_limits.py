@@ -411,3 +411,30 @@ def test_compiled_runs_end_at_the_step_that_passes_a_limit_between_their_samples
         assert failed.value.problems[0].code == "run-physical"
     assert simulator.driver.stats()["nsteps"] < 600  # it ends there: the whole run has more
     run({"q": 1e-6})  # down to -0.43 bar; nothing is left of the run before
+
+
+@pytest.mark.filterwarnings("ignore::heavebond.RunWarning")
+@pytest.mark.parametrize(("parts", "ends", "adds"), [
+    # 0.1 m and 1 L by 6 L/min
+    ("""  t: {is: OpenTank, A: 0.01 m**2}
+  q: {is: FlowSource, u: -6 L/min}
+  c: {is: Cap}
+  f: {is: Water}
+nodes: {x: [t.b, q.a, f.a], z: [t.a, c.a]}
+initial: {t.h: 0.1 m}""", 10.0, "Orifice"),
+    # 300 K and 100 J/K by 1 kW
+    ("""  h: {is: HeatCapacity, m: 1 kg, c: 100 J/(kg*K)}
+  q: {is: HeatSource, u: -1 kW}
+nodes: {x: [h.a, q.a]}
+initial: {x.T: 300 K}""", 30.0, "ThermalResistance"),
+    # 2 bar*1 L/(287.05 J/(kg K)*293.15 K) by 1 g/s
+    ("""  r: {is: Receiver, V: 1 L}
+  q: {is: PneumaticFlowSource, u: -1 g/s}
+nodes: {x: [r.a, q.a]}
+initial: {x.p: 2 bar}""", 200 / 287.05 / 293.15 * 1e3, "PneumaticOrifice"),
+], ids=["tank", "heat", "gas"])
+def test_a_store_that_is_emptied_ends_the_run_at_the_time_of_its_balance(parts: str, ends: float, adds: str) -> None:
+    found = hb.simulate(hb.loads(f"model: emptied\ncomponents:\n{parts}\nsimulate: {{until: 60 s}}\n"))
+    assert found.time[-1] == pytest.approx(ends, rel=1e-5)
+    assert found.verdict.status == "failed"
+    assert adds in found.verdict.findings[0].advice

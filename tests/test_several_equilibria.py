@@ -113,3 +113,22 @@ def test_a_start_follows_that_of_a_diagram_with_fewer_states() -> None:
     searched, followed = start(other), start(other, near=near)
     assert followed.steps < searched.steps
     assert followed.x / other.x_nominal == pytest.approx(searched.x / other.x_nominal, abs=1e-7)
+
+
+@pytest.mark.parametrize(("guess", "expected"), [(0.9, (0.945649274, 1.04668053)), (-0.9, (-1.04668053, -0.945649274))])
+def test_a_sweep_of_a_bistable_machine_stays_on_the_branch_of_the_guess(guess: float, expected: tuple[float, float]) -> None:
+    """10 x - 10 x**3 + F = 0 for F = -1 and 1 N."""
+    model = hb.loads(f"""
+model: bistable
+parameters: {{F: 0 N}}
+components:
+  m: {{is: Mass, m: 1 kg}}
+  s: {{is: ForceSource, u: "=10 N/m*x.x - 10 N/m**3*x.x**3 + F"}}
+  d: {{is: Damper, d: 1 N*s/m}}
+  w: {{is: Fixed}}
+nodes: {{x: [m.a, s.a, d.a], w: [w.a, d.b]}}
+initial: {{start: steady, x.x: ~ {guess} m}}
+simulate: {{until: 1 s}}
+""")
+    found = hb.sweep(model, {"F": "-1 N, 1 N"}, ["final(x.x)"]).to_pandas().iloc[:, 1]
+    assert found.to_numpy() == pytest.approx(expected, rel=1e-7)

@@ -651,3 +651,14 @@ simulate: {until: 1 s, every: 10 ms}
     for value in (0.0, 1.5e-9, 1e6):
         point = assembly.point(0.0, np.array([170e5 - 0.5*value]), np.zeros(0), assembly.p, np.zeros(0))
         assert losses(assembly.reduced.system, {**point, rate.element_hash(): value}) == []
+
+
+def test_the_free_end_of_a_rope_in_space_is_named_with_what_to_add() -> None:
+    with pytest.raises(hb.ModelError) as caught:
+        hb.simulate(hb.loads("""
+model: rope
+components: {f: {is: SpatialFixed}, w: {is: Fixed}, r: {is: SpatialRope, c: 1 kN/m, l0: 2 m}}
+nodes: {a: [f.a, r.a], e: [r.b], w: [r.w, w.a]}
+simulate: {until: 1 s}
+"""))
+    assert "No part gives node 'e' a mass, or holds it: add a SpatialFixed or a SpatialBody" in caught.value.problems[0].hint

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import heavebond as hb
 from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
@@ -217,3 +218,10 @@ def test_any_text_is_a_quantity_or_a_problem_of_units(text: str) -> None:
 def test_dimensionless() -> None:
     assert read_unit("1") == DIMENSIONLESS
     assert DIMENSIONLESS.to_si(inf) == inf
+
+
+def test_a_bracket_inside_a_unit_is_written_without_it() -> None:
+    with pytest.raises(hb.ModelError) as caught:
+        hb.simulate(hb.loads("model: a\ncomponents: {r: {is: ThermalResistance, R: 1 MW/(m**3/s)/K}}\n"
+                             "nodes: {x: [r.a], y: [r.b]}\nsimulate: {until: 1 s}\n"))
+    assert caught.value.problems[0].hint == "Write '1 MW/m**3*s/K'."

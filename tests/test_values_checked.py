@@ -150,3 +150,26 @@ def test_a_study_tells_which_case_has_a_value_that_is_not_allowed(tmp_path: Path
                                      "cases: {damper.d: [-1 N*s/m, 2 N*s/m]}\n")
     with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
         hb.study(hb.load_study(tmp_path / "s.yaml"))
+
+
+@pytest.mark.parametrize("call", [
+    lambda m: hb.simulate(m, rtol=-1.0), lambda m: hb.simulate(m, rtol=float("nan")), lambda m: hb.simulate(m, atol=0.0),
+    lambda m: hb.simulate(m, float("nan")), lambda m: hb.simulate(m, float("inf")),
+    lambda m: hb.simulate(m, every=float("nan")), lambda m: hb.simulate(m, parameters={"s.c": float("nan")}),
+    lambda m: hb.sensitivity(m, ["m.x"], parameters={"s.c": -3.0}),
+    lambda m: hb.sweep(m, {"s.c": "-5 .. 5 N/m; 3"}, ["final(m.x)"]), lambda m: hb.root_locus(m, "s.c", "-3 .. 3 N/m"),
+], ids=["rtol", "rtol nan", "atol", "until nan", "until inf", "every nan", "value nan", "sensitivity", "sweep", "locus"])
+def test_tolerances_times_and_values_that_are_none_are_refused(call: Callable[[hb.Model], object]) -> None:
+    model = hb.loads("""
+model: swing
+components:
+  m: {is: Mass, m: 1 kg}
+  s: {is: Spring, c: 10 N/m}
+  w: {is: Fixed}
+nodes: {m: [m.a, s.a], w: [w.a, s.b]}
+initial: {m.x: 0.1 m, m.v: 0 m/s}
+simulate: {until: 3 s, every: 10 ms}
+""")
+    with pytest.raises((hb.UsageError, hb.ModelError)) as caught:
+        call(model)
+    assert caught.value.problems[0].hint

@@ -318,6 +318,19 @@ def declared_unit(text: str) -> Unit:
     return Unit(text, read.scale, read.offset, read.dimension, read.counts)
 
 
+def without_inner_bracket(text: str) -> str | None:
+    """A quantity `1 a/(b/c)/d` as `1 a/b*c/d`; None if it is not one."""
+    bracket_match = re.fullmatch(rf"\s*({NUMBER})\s+([^()\s]+/\([^()]*\))((?:[*/][^()*/\s]+(?:\*\*-?[0-9]+)?)+)\s*", text)
+    if bracket_match is None:
+        return None
+    flat = _without_brackets(bracket_match.group(2)) + bracket_match.group(3)
+    try:
+        unit(flat)
+    except UnitProblem:
+        return None
+    return f"{bracket_match.group(1)} {flat}"
+
+
 def _without_brackets(text: str) -> str:
     """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the only brackets that units need."""
     quotient_match = re.fullmatch(r"(.*)/\(([^()]*)\)", text)

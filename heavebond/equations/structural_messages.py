@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
@@ -53,9 +53,22 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
         owners = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
         problems.append(Problem(
             "singular", f"equations of {owners} are equivalent, so that no equation determines some unknowns",
-            laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
-            "circuit without a Tank or a Volume.", tuple(_table(laws))))
+            laws[0].place if laws else None, (_massless_ends(flat, {e.owner for e in laws}) or "Look for two parts that "
+            "hold the same position, or for a circuit without a Tank or a Volume."), tuple(_table(laws))))
     return ModelError(problems)
+
+
+def _massless_ends(flat: Flat, owners: Collection[str]) -> str:
+    """Advice for nodes with a position that join these parts to nothing that determines their motion, such as the free end
+    of a rope; empty if there is none."""
+    leaves = flat.expanded.leaves
+    for junction in flat.expanded.junctions.values():
+        parts, domain = {end.leaf for end in junction.ends}, flat.domains.get(junction.path)
+        others = [leaves[part].component for part in parts - set(owners) if part in leaves]
+        if domain is not None and domain.positions and domain.determined_by and parts & set(owners) \
+                and not any(c.stores or c.name == domain.reference for c in others):
+            return f"No part gives node '{junction.path}' a mass, or holds it: add {domain.determined_by}."
+    return ""
 
 
 class _Part:

@@ -20,6 +20,7 @@ from heavebond.core.units import (
     parse_quantity,
     parse_range,
     read_unit,
+    without_inner_bracket,
 )
 from heavebond.language.definition import (
     Body,
@@ -237,6 +238,8 @@ def _unmarked(content: str, subject: str, parameter: Parameter | SignalPort | No
     if re.fullmatch(r"\w+", content):
         return "formula-unmarked", f"{subject}: '{content}' is not a number with a unit", \
             f"{example}; if '{content}' is a parameter, write `={content}`."
+    if (flat := without_inner_bracket(content)) is not None:
+        return "unit-unknown", f"{subject}: the bracket in the unit of '{content}' is not at its end", f"Write '{flat}'."
     return "formula-unmarked", f"{subject}: '{content}' is neither a quantity nor a formula", \
         f"A formula begins with `=`: `={content}`."
 
