@@ -572,13 +572,11 @@ class StartEvents:
         their next values; None if there are none."""
         assembly = self.assembly
         t, x, z, p, u, _ = assembly.arguments
-        resets = [(i, reset) for i, event in enumerate(assembly.flat.events) for reset in event.resets
+        resets = [(event, reset.held, reset.value) for event in assembly.flat.events for reset in event.resets
                   if reset.held is not None]
-        regular = {reset.held for _, reset in resets}
-        regular -= {reset.held for i, reset in resets if assembly.flat.events[i].period is None
-                    and assembly.flat.events[i].indicator is not None}
-        following = {reset.held: assembly.express(reset.value) for i, reset in resets
-                     if assembly.flat.events[i].period is not None and reset.held in regular}
+        irregular = {held for event, held, _ in resets if event.period is None and event.indicator is not None}
+        following = {held: assembly.express(value) for event, held, value in resets
+                     if event.period is not None and held not in irregular}
         others = {h.index for h in assembly.flat.held} - set(following)
         while True:
             moving = stack([t, x, z, u, *(p[k] for k in sorted(others))])

@@ -138,7 +138,7 @@ class Simulator:
         if self.solver.name not in ("idas", "cvodes"):
             return np.zeros(0)
         breaks = self.pieces.kinks()
-        return breaks[(breaks > self.time[0]) & (breaks < self.time[-1])]
+        return np.asarray(breaks[(breaks > self.time[0]) & (breaks < self.time[-1])])
 
     @property
     def _may_be_dense(self) -> bool:
