@@ -252,38 +252,6 @@ def test_an_fmu_lets_bodies_break_away_as_a_run_does(tmp_path: Path) -> None:
     assert (found["m0.v"][-1], found["m1.v"][-1]) == pytest.approx(0.01 * accelerations(forces, limits, masses), abs=SMALL)
 
 
-@pytest.mark.parametrize("force", [1e-2, 1e-6])
-@pytest.mark.parametrize("mass", [1.0, None])
-@pytest.mark.parametrize("turning", [False, True])
-def test_contacts_of_tiny_forces_in_parallel(force: float, mass: float | None, turning: bool) -> None:
-    """Two contacts of F each under F t/s: both slide at 2 s, with 0.8 of the force."""
-    m = mass or force
-    text = f"""
-model: block
-components:
-  w: {{is: Fixed}}
-  m: {{is: Mass, m: {m} kg}}
-  f: {{is: DryFriction, F_c: {0.8 * force} N, F_s: {force} N}}
-  g: {{is: DryFriction, F_c: {0.8 * force} N, F_s: {force} N}}
-  p: {{is: ForceSource, u: "={force} N/s*time"}}
-nodes: {{w: [w.a, f.a, g.a], x: [m.a, f.b, g.b, p.a]}}
-initial: {{x.x: 0 m, x.v: 0 m/s}}
-simulate: {{until: 3 s, every: 10 ms}}
-"""
-    if turning:
-        for old, new in (("Fixed", "FixedShaft"), ("Mass, m:", "Inertia, J:"), ("kg}", "kg*m**2}"),
-                         ("DryFriction", "RotationalDryFriction"), ("F_c", "M_c"), ("F_s", "M_s"), (" N,", " N*m,"),
-                         (" N}", " N*m}"), ("ForceSource", "TorqueSource"),
-                         ("N/s", "N*m/s"), ("x.x: 0 m", "x.phi: 0 rad"), ("x.v: 0 m/s", "x.w: 0 rad/s")):
-            text = text.replace(old, new)
-    found = hb.simulate(hb.loads(text))
-    late = np.maximum(found.time - 2, 0)
-    exact = force / m * (0.4 * late**2 / 2 + late**3 / 6)
-    assert found.verdict.status == "clean"
-    # stuck bodies creep by 1e-13 of a unit a second, 1e-7 of the motion of 1e-6 m
-    assert found.si["x.phi" if turning else "x.x"] == pytest.approx(exact, abs=3e-6 * exact.max())
-
-
 def test_two_locking_clutches_in_parallel_carry_the_sum_of_their_torques() -> None:
     """20 N*m/s on 2 and 3 kg*m**2: 3/5 of the torque reach 5*1.2 + 10 N*m after 4/3 s; then 15 N*m slip."""
     found = hb.simulate(hb.loads("""
