@@ -11,6 +11,7 @@ import heavebond as hb
 from heavebond.core.units import unit
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.search.natural_sizes import Sizes, natural_range, with_natural_ranges
+from heavebond.diagnosis.search.scoring import points_within
 from heavebond.diagnosis.search.step import fitted_base, make_stage
 from heavebond.estimation.experiment import load_experiment
 
@@ -76,6 +77,13 @@ def test_the_ranges_follow_the_machine_and_keep_those_of_the_component(tmp_path:
               for c in with_natural_ranges(base, candidates(experiment))
               for n in c.numbers if n.sought is not None and n.sought.range is not None}
     assert ranges["ShaftCompliance", "c"].low < 0.1 and ranges["ShaftCompliance", "c"].high == 1e8
+    shaft = next(c for c in with_natural_ranges(base, candidates(experiment)) if c.component == "ShaftCompliance")
+    number = next(n for n in shaft.numbers if n.name.endswith("T_d"))
+    # the damping time of a shaft, from half of the sample interval to the end of the range; refits keep the whole range
+    assert number.sought is not None and number.sought.scored is not None
+    assert (number.sought.scored.low, number.sought.scored.high) == pytest.approx((0.002, 0.03))
+    assert all(0.002 < point[number.name] < 0.03 for point in points_within(shaft, {}))
+    assert ranges["ShaftCompliance", "T_d"].low == pytest.approx(0.0003)
     assert ranges["Delay", "T"].low == pytest.approx(0.002) and ranges["Delay", "T"].high == 20
     assert ranges["RotationalLuGreFriction", "r"] == next(
         n.sought.range for c in candidates(experiment) for n in c.numbers

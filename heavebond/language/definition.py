@@ -185,12 +185,13 @@ class FileInput:
 class SearchRange:
     """Range in which a number of an effect is sought: a given range, or the range of the component's variable `seen`
     while a record is simulated. A `held` number is not sought: it is fixed at the middle of that motion, at half its
-    span or at its peak (see HELD)."""
+    span or at its peak (see HELD). Scores are computed within the part `scored` of a given range (None: the whole)."""
 
     range: Range | None
     seen: str
     place: Place | None = None
     held: str = ""
+    scored: Range | None = None
 
 
 HELD = ("middle", "half", "peak")

@@ -14,7 +14,8 @@ longest record. The natural range of a number with the dimension of
 
 The search range of an amplitude is extended such that it contains the natural range. The range of a shape is extended in the
 same way if it has no value in common with the natural range. A gap or a transition of the size of the whole motion is not
-sought: it imitates other laws.
+sought: it imitates other laws. Scores are computed at time constants from h/2 to D, if the range has such values: a law with
+a shorter one is the same as one without memory, and with a longer one as a drift. A refit may leave this part of the range.
 """
 
 from __future__ import annotations
@@ -57,8 +58,9 @@ def with_natural_ranges(base: Base, candidates: Sequence[Candidate]) -> list[Can
     extended = []
     for candidate in candidates:
         at_place = [size for name in (*candidate.where, *candidate.change.nodes) for size in sizes.get(name, ())]
-        numbers = tuple(n if n.sought is None else replace(n, sought=_extended(
-            n, natural_range(n.unit.dimension, at_place, interval, duration))) for n in candidate.numbers)
+        numbers = tuple(n if n.sought is None else replace(n, sought=_extended(_distinct(
+            n, interval, duration), natural_range(n.unit.dimension, at_place, interval, duration)))
+            for n in candidate.numbers)
         extended.append(candidate if numbers == candidate.numbers else replace(candidate, numbers=numbers))
     return extended
 
@@ -79,6 +81,16 @@ def natural_range(dimension: Dimension, at_place: Sequence[Sizes], interval: flo
         ranges += at_once or [(interval * ratio, duration * ratio) for ratio, of_ratio in ratios[-2:]
                               if dimension == times(of_ratio, TIME)]
     return (min(low for low, _ in ranges), max(high for _, high in ranges)) if ranges else None
+
+
+def _distinct(number: EffectNumber, interval: float, duration: float) -> EffectNumber:
+    """A time constant that is scored within the times that the records distinguish; other numbers as they are."""
+    given = number.sought.range if number.sought is not None else None
+    if given is None or number.amplitude or number.unit.dimension != TIME or given.low <= 0:
+        return number
+    low, high = max(given.low, interval / 2), min(given.high, duration)
+    assert number.sought is not None
+    return replace(number, sought=replace(number.sought, scored=Range(low, high, given.unit))) if low < high else number
 
 
 def _extended(number: EffectNumber, natural: tuple[float, float] | None) -> SearchRange:

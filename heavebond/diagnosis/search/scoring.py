@@ -438,13 +438,14 @@ def point_of_range(low: float, high: float, share: float) -> float:
 def ranges_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]], beyond: float
                   ) -> dict[str, tuple[float, float]]:
     """Search range of each shape. For a shape with `seen s`, the range is the motion of s (`motions`, as from
-    `motion_ranges`), extended at both ends by the share `beyond` of its span."""
+    `motion_ranges`), extended at both ends by the share `beyond` of its span. With `beyond` 0 it is the range of scores."""
     ranges = {}
     for number in candidate.numbers:
         if number.sought is None:
             continue
         if number.sought.range is not None:
-            low, high = number.sought.range.low, number.sought.range.high
+            given = number.sought.range if beyond or number.sought.scored is None else number.sought.scored
+            low, high = given.low, given.high
         else:
             low, high = motions[number.name]
             low = 0.0 if 0 < low < PASSES * high else low
