@@ -91,8 +91,8 @@ SIZES = SizeConstants()
 def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float],
               exact: bool = False) -> list[str]:
     """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
-    errors of the largest unknown in its `declared` nominal size; an `exact`
-    start leaves only rounding, also if all unknowns are tiny."""
+    errors of the largest unknown in its `declared` nominal size; an `exact` start leaves only rounding, also if all unknowns
+    are tiny."""
     largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
     least = max(SIZES.zero * min(largest, 1.0), SIZES.least) if exact else max(SIZES.noise * largest, SIZES.zero)
     return [name for name, value in reached.items() if least * declared[name] < value < SIZES.small * nominal[name]]
