@@ -238,7 +238,7 @@ def test_an_experiment_is_designed_that_decides_between_formulas(tmp_path: Path)
     assert again.exit_code == 2 and "exists already" in again.output
 
 
-@pytest.mark.long
+@pytest.mark.slow  # a minute of processor time; laws of one part, and of several variables, are found in every run
 def test_a_law_of_two_parts_is_found_about_the_motion_with_the_first() -> None:
     """The friction of the passive rig sticks: about the motion without it no sum of a few parts is near. The law has the
     Stribeck form with the Coulomb friction and the additional static friction of the truth within 25 %, as it has no

@@ -103,8 +103,8 @@ def check_circuits(expanded: Expanded) -> None:
             earlier = first.setdefault((circuits.get(Terminal("port", f"{path}.{rule.port}"), -1), rule), path)
             one, other = (nodes.get(Terminal("port", f"{part}.{rule.shares}")) for part in (earlier, path))
             if earlier != path and one != other:
-                problems.add("circuit-shared", f"{either([earlier, path])} are in one {domain} circuit, but {rule.shares} "
-                             "of each is on another node", leaf.place,
+                problems.add("circuit-shared", f"'{earlier}' and '{path}' are in one {domain} circuit, but their ports "
+                             f"{rule.shares} are on different nodes", leaf.place,
                              hint=f"Connect '{path}.{rule.shares}' to the node of '{earlier}.{rule.shares}'.")
         for path, leaf in expanded.leaves.items():
             for passage in _passages(path, leaf.component, domains[domain]):
