@@ -37,7 +37,8 @@ simulate: {until: 1 s}
 """
 
 
-@pytest.mark.parametrize("first", range(0, 300, 50))
+@pytest.mark.parametrize("first", [first if first < 150 else pytest.param(first, marks=pytest.mark.slow)
+                                   for first in range(0, 300, 50)])
 def test_mutants_of_bundled_files_end_in_a_run_or_in_advice(first: int) -> None:
     """A controller that samples a thousand times as often runs a thousand times as long, which is no fault: a mutant that
     takes longer than a machine of the library does is run over a thousandth of its time."""
