@@ -82,7 +82,7 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert not missing
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_pictures_can_be_drawn_anew(tmp_path: Path) -> None:
     """Studies and surfaces at few points; they are run in full by the pages and the tests of the studies."""
     drawing = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))

@@ -50,7 +50,7 @@ def test_accelerations_of_a_random_tree_by_pinocchio(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("n", "seed"), [(30, 1), (50, 3)])
+@pytest.mark.parametrize(("n", "seed"), [(30, 1), pytest.param(50, 3, marks=pytest.mark.slow)])
 def test_accelerations_of_a_large_tree_by_pinocchio(n: int, seed: int) -> None:
     """Explicit, also where two unknowns have a common divisor only; rounding adds up over the bodies of a chain."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -427,7 +427,7 @@ def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
     assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_crane_compensates_heave_and_lands_its_load() -> None:
     """The numbers are those of the page on machines in space, as it rounds them."""
     run = hb.simulate(hb.load("spatial/landing_crane"))
