@@ -244,9 +244,12 @@ def test_a_law_of_two_parts_is_found_about_the_motion_with_the_first() -> None:
     Stribeck form with the Coulomb friction and the additional static friction of the truth within 25 %, as it has no
     bristles; a quarter of the misfit of Coulomb friction is left at most."""
     found = find_laws("passive_rig/friction")
-    law = found.simplest
-    assert law is not None and law.place == ("platform", "crown")
-    assert law.text == "F = F_1*smooth_sign(v, v_t) + F_2*smooth_sign(v, v_t_2)*exp(-abs(v)/v_0)"
+    stribeck = "F = F_1*smooth_sign(v, v_t) + F_2*smooth_sign(v, v_t_2)*exp(-abs(v)/v_0)"
+    law = next(law for law in found.laws if law.text == stribeck)
+    assert law.place == ("platform", "crown")
+    # a law with a state in addition, in place of the bristles, predicts better
+    assert found.simplest is not None and found.simplest.place == law.place and found.simplest.loss <= law.loss
+    assert found.simplest is law or (found.simplest.text.startswith(stribeck) and "der(" in found.simplest.text)
     assert law.numbers["F_1"] == pytest.approx(12e3, rel=0.25) and law.numbers["F_2"] == pytest.approx(10.8e3, rel=0.25)
     coulomb = next(other for other in found.laws if other.text == "F = F_0*smooth_sign(v, v_t)")
     assert law.loss < coulomb.loss / 4

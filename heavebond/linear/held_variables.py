@@ -50,6 +50,8 @@ class HeldVariableConstants:
         a counter, which has 1. Doubled (in its excess over 1): nothing.
     first_samples: samples after which variables that count the first ones have their final values. Origin: the length of
         a moving average. Doubled: time, for counters without an end.
+    steady: share by which the effect of a held variable between samples may change with the time during a run. Origin:
+        rounding. Doubled: nothing.
     distances: sizes of random motions, over nominal sizes, at which a value is compared with that at the point. Origin:
         thresholds near and far. Doubled: nothing.
     draws: random motions of each size. Origin: half of them do not pass the threshold of a relay; 2**-20 is a millionth.
@@ -61,6 +63,7 @@ class HeldVariableConstants:
     instants: int = 400
     grows: float = 1.0 + 1e-9
     first_samples: int = 1000
+    steady: float = 1e-9
     distances: tuple[float, ...] = (1e-3, 1.0, 1e3)
     draws: int = 20
 
@@ -359,7 +362,8 @@ class HeldStructure:
         acting = {source for source, target in self.edges
                   if target < self.first_held or self.first_output <= target < self.clock}
         looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
-        smooth = self._smooth(point)
+        timed = self._timed(point)
+        smooth = {row: even and self.updates[row][1].name not in timed for row, even in self._smooth(point).items()}
         variables = list[HeldVariable]()
         for k, held in enumerate(flat.held):
             node = self.first_held + k
@@ -393,20 +397,29 @@ class HeldStructure:
         """The variable; `exact` if all recurring events that set it are samples at regular times with smooth values."""
         rows = [row for row, (i, reset) in enumerate(self.updates) if recurring[i] and reset.name == held.name
                 and self.events[i].period is not None]
-        exact = held.sampled and not held.at_threshold and held.name not in self._timed and bool(rows) \
+        exact = held.sampled and not held.at_threshold and bool(rows) \
             and (held.in_loop or held.between) and all(smooth[row] for row in rows) \
             and all(self.events[i].period is not None for i in setters if recurring[i])
         return replace(held, exact=exact, rounded=exact and any(row in self.means for row in rows))
 
     @cached_property
-    def _timed(self) -> set[str]:
-        """The held variables whose effect between samples depends on the time, as the slope of a hold of first order."""
+    def _effects(self) -> ca.Function | None:
+        """The derivatives of the equations by the held variables, and their rates of change with the time alone; None if they
+        do not depend on the time."""
         assembly = self.assembly
-        t, _, _, p, _, _ = assembly.arguments
-        sides = stack([assembly.ode, assembly.alg])
-        if not ca.depends_on(sides, t):
+        t, p = assembly.arguments[0], assembly.arguments[3]
+        columns = ca.jacobian(stack([assembly.ode, assembly.alg]), stack([p[h.index] for h in assembly.flat.held]))
+        rates = ca.reshape(ca.jtimes(ca.vec(columns), t, ca.SX(1)), columns.shape)
+        return ca.Function("effects", list(assembly.arguments), [columns, rates]) if rates.nnz() else None
+
+    def _timed(self, point: Point) -> set[str]:
+        """The held variables whose effect between samples changes with the time, such as the slope of a hold of first
+        order. At times at which a factor of time is constant, such as a change-over before or after it, it is none."""
+        if self._effects is None:
             return set()
-        return {h.name for h in assembly.flat.held if ca.depends_on(ca.jacobian(sides, p[h.index]), t)}
+        effects, rates = (np.abs(np.array(part)).max(axis=0, initial=0.0) for part in self._effects(*point.values()))
+        changing = rates * _span(self.assembly) > HELD.steady * effects
+        return {h.name for h, changes in zip(self.assembly.flat.held, changing, strict=True) if changes}
 
     def _smooth(self, point: Point) -> dict[int, bool]:
         """True for updates at regular times whose value (of a quantiser its mean) is not rounded to steps, does not jump
