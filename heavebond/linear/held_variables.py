@@ -404,8 +404,8 @@ class HeldStructure:
 
     @cached_property
     def _effects(self) -> ca.Function | None:
-        """The derivatives of the equations by the held variables, and their rates of change with the time alone; None if they
-        do not depend on the time."""
+        """The derivatives of the equations by the held variables, and their rates of change with the time alone; None if
+        they do not depend on the time."""
         assembly = self.assembly
         t, p = assembly.arguments[0], assembly.arguments[3]
         columns = ca.jacobian(stack([assembly.ode, assembly.alg]), stack([p[h.index] for h in assembly.flat.held]))
