@@ -89,14 +89,21 @@ def _rank(outcome: str) -> int:
 
 @contextmanager
 def sandbox(given: Mutant) -> Iterator[Path]:
-    """A folder with the files of a mutant, and links to the records beside them; its root file."""
+    """A folder with the files of a mutant, copies of the components beside them, to which relations add others, and links to
+    the records; its root file."""
     with tempfile.TemporaryDirectory(prefix="mutant_") as name:
         folder = Path(name) / given.folder.name
         for path, text in given.files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text, encoding="utf-8")
         for beside in given.folder.iterdir():
-            if beside.suffix != ".yaml" and not (folder / beside.name).exists():
+            if beside.name == "components":
+                for component in beside.rglob("*.yaml"):
+                    copy = folder / component.relative_to(given.folder)
+                    if not copy.exists():
+                        copy.parent.mkdir(parents=True, exist_ok=True)
+                        copy.write_bytes(component.read_bytes())
+            elif beside.suffix != ".yaml" and not (folder / beside.name).exists():
                 (folder / beside.name).symlink_to(beside.resolve())
         yield folder / given.root
 
