@@ -85,12 +85,11 @@ def natural_range(dimension: Dimension, at_place: Sequence[Sizes], interval: flo
 
 def _distinct(number: EffectNumber, interval: float, duration: float) -> EffectNumber:
     """A time constant that is scored within the times that the records distinguish; other numbers as they are."""
-    given = number.sought.range if number.sought is not None else None
-    if given is None or number.amplitude or number.unit.dimension != TIME or given.low <= 0:
+    sought = number.sought
+    if sought is None or sought.range is None or number.amplitude or number.unit.dimension != TIME or sought.range.low <= 0:
         return number
-    low, high = max(given.low, interval / 2), min(given.high, duration)
-    assert number.sought is not None
-    return replace(number, sought=replace(number.sought, scored=Range(low, high, given.unit))) if low < high else number
+    low, high = max(sought.range.low, interval / 2), min(sought.range.high, duration)
+    return replace(number, sought=replace(sought, scored=Range(low, high, sought.range.unit))) if low < high else number
 
 
 def _extended(number: EffectNumber, natural: tuple[float, float] | None) -> SearchRange:

@@ -83,11 +83,11 @@ class SignalLaw:
         p, g = stack(numbers.values()), stack(rows)
         newton = ca.Function("newton", [y, known, y_before, known_before, p], [y - ca.solve(ca.jacobian(g, y), g)])
         arguments = [ca.MX.sym(f"a{k}", part.numel()) for k, part in enumerate((y, known, known_before, p))]
-        solution = moved = arguments[0]
+        solution = last_step = arguments[0]
         for _ in range(STEPS):
             closer = newton(solution, arguments[1], arguments[0], *arguments[2:])
-            solution, moved = closer, closer - solution
-        return cls(tuple(numbers), seen, len(unknown), ca.Function("step", arguments, [solution, moved]), ca.Function(
+            solution, last_step = closer, closer - solution
+        return cls(tuple(numbers), seen, len(unknown), ca.Function("step", arguments, [solution, last_step]), ca.Function(
             "shown", [y, known, y_before, known_before, p],
             [stack([now[out[0]] - now[into[0]], *(now[name] for name in seen)])]))
 
@@ -100,10 +100,10 @@ class SignalLaw:
         before = np.column_stack([rest, courses[:, :-1]])
         start = np.array(self.step(np.zeros(self.unknowns), courses[:, 0], rest, p)[0])
         step, shown = _over(self.step, self.shown, n)
-        unknowns, moved = map(np.array, step(start, courses, before, np.tile(p, n)))
+        unknowns, last_step = map(np.array, step(start, courses, before, np.tile(p, n)))
         values = np.array(shown(unknowns, courses, np.column_stack([start, unknowns[:, :-1]]), before, np.tile(p, n)))
         with np.errstate(invalid="ignore"):
-            converged = np.all(np.abs(moved).max(axis=1) <= CONVERGED * np.abs(unknowns).max(axis=1) + 1e-300)
+            converged = np.all(np.abs(last_step).max(axis=1) <= CONVERGED * np.abs(unknowns).max(axis=1) + 1e-300)
         return (values[None, :1] if converged else np.full((1, 1, n), np.nan)), values[1:]
 
 
