@@ -73,9 +73,9 @@ def test_a_branch_is_true_if_it_belongs_to_one_of_the_hidden_differences() -> No
 
 def test_small_laws_of_a_row_count_at_the_level_of_the_system() -> None:
     weights = np.ones(SIX)
-    entries = [Entry(("machine", "a", "rate", "friction", "Coulomb"), "11111", "11111", 0.9 * weights),
-               Entry(("machine", "b", "rate", OUTSIDE), "1000", "1000", 1.0 * weights),
-               *(Entry(("machine", f"c{k}", "rate", "friction", "Drag"), "10000", "10000", 0.001 * weights)
+    entries = [Entry(("machine", "a", "rate", "friction", "Coulomb"), "11111", "11111", 0.9 * weights, False),
+               Entry(("machine", "b", "rate", OUTSIDE), "1000", "1000", 1.0 * weights, True),
+               *(Entry(("machine", f"c{k}", "rate", "friction", "Drag"), "10000", "10000", 0.001 * weights, False)
                  for k in range(40))]
     rows = listed(entries)
     assert rows[0][:4] == [[0, 1, 2, 3, 4], "11111", "11111", 0] and rows[1][:4] == [[0, 5, 6, 7], "1000", "1000", 1]

@@ -12,7 +12,7 @@ from heavebond.core.units import DIMENSIONLESS
 from heavebond.diagnosis.answer.sentences import unusual_values
 from heavebond.diagnosis.candidates.catalogue import EffectNumber
 from heavebond.diagnosis.candidates.places import candidates
-from heavebond.diagnosis.search.step import make_stage
+from heavebond.diagnosis.search.step import ENDS_NO_MOTION, make_stage
 from heavebond.estimation.experiment import FARTHEST, Experiment, load_experiment
 from heavebond.numerics.dae import assemble
 
@@ -54,6 +54,25 @@ def test_an_end_stop_is_no_candidate_for_a_shaft_that_turns_one_way(tmp_path: Pa
     stops = [label for label in reasons if label.startswith("RotationalEndStop")]
     assert stops and all(reasons[label] == "the motion there goes in one direction only" for label in stops)
     assert not any(s.candidate.component == "RotationalEndStop" for s in stage.scores)
+
+
+def test_an_end_stop_that_always_holds_is_a_spring(tmp_path: Path) -> None:
+    """The spring of a rotor has 7.5 N*m/rad in the diagram and 8 N*m/rad in the machine, with damping: w = 10 exp(-t/20) cos(2 t).
+    Stops at both sides of a narrow gap act as the rest. A free rotor that one stop of 800 N*m/rad throws back is kept, although the
+    diagram without the stop turns one way."""
+    spring = ROTOR.replace("nodes:", "  spring: {is: TorsionSpring, c: 7.5 N*m/rad}\n  frame: {is: FixedShaft}\nnodes:").replace(
+        "rotor.a]}", "rotor.a, spring.b], ground: [frame.a, spring.a]}")
+    t = np.arange(0, 6, 0.02)
+    noise = np.random.default_rng(2).normal(0, 0.01, len(t))
+    bounce = np.where(t < 0.3, 10.0, np.where(t < 0.3 + np.pi/20, 10*np.cos(20*(t - 0.3)), -10.0))
+    for name, model, w, end, kept in (("spring", spring, 10*np.exp(-t/20)*np.cos(2*t), 6.0, False),
+                                      ("stop", ROTOR, bounce, 1.0, True)):
+        (folder := tmp_path / name).mkdir()
+        made = experiment(folder, model, {"t": t[t < end], "w": (w + noise)[t < end], "tau": 0*t[t < end]},
+                          "drive.u: {column: tau, unit: N*m, interpolation: linear}",
+                          "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+        stage = make_stage(made, number=1, classes=("end stop",))
+        assert (stage.chosen is not None) == kept and (ENDS_NO_MOTION in stage.excluded.values()) != kept
 
 
 def test_a_bent_characteristic_is_no_candidate_for_a_temperature_far_from_absolute_zero(tmp_path: Path) -> None:

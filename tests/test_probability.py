@@ -119,8 +119,9 @@ def test_the_leading_laws_count_with_what_they_leave_in_pairs() -> None:
     assert left(compared_step(step, stage(("quadratic damping", "slide", 1.0)))) == [1]
 
 
-def test_a_value_of_the_diagram_is_compared_with_effects_alone() -> None:
+def test_a_value_of_the_diagram_is_compared_with_effects_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong mass leaves as much as friction alone, and many times what friction leaves in a pair."""
+    monkeypatch.setattr(Stage, "places", SimpleNamespace(place=lambda candidate: candidate.where))
     step = stage(("dry friction", "slide", 40.0), joint=[refit("dry friction", "slide", 2.0)])
     values = stage((VALUE, "slide.m", 40.0))
     made = compared_step(step, None)
@@ -191,9 +192,9 @@ def test_a_model_with_more_numbers_has_a_smaller_weight_for_the_same_residual() 
 def test_classes_are_equally_probable_before_the_records_and_share_it_among_their_places() -> None:
     """Two laws that predict alike, one of a class that was scored at one place, one of a class scored at four."""
     offset, variation = refit("sensor offset", "x", 1.0), refit("varying parameter", "spring", 1.0)
-    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(kind="varying parameter", place=f"of spring with {k}"))
-                         for k in range(3)]
-    made: Any = SimpleNamespace(scores=scored)
+    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(kind="varying parameter", place=f"of spring with {k}",
+                                                                   label=k), told_apart=True) for k in range(3)]
+    made: Any = SimpleNamespace(scores=scored, twins={}, places=SimpleNamespace(place=lambda candidate: candidate.where))
     found = probability._with_prior({16.0: np.array([0.5, 0.5])}, [offset, variation], made)
     assert found[16.0] == pytest.approx([0.8, 0.2])
 
@@ -275,3 +276,36 @@ def test_a_difference_that_persists_throughout_records_is_worth_as_many_blocks_a
         assert 4.5 < probability._independent_blocks(np.array([0 * shift, shift]), counts, stretch, 2.0) < 6
     # of three records no variance is estimated
     assert probability._independent_blocks(np.array([shift[:300]]), counts[:300], stretch[:300], 2.0) == 150
+
+
+def test_a_law_that_explains_nothing_noticeable_is_no_explanation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drift leaves less than the other law on all samples, but removes no fifth of the residual of 400: what is missing is
+    outside the catalogue. A law that removes half of it keeps its share."""
+    monkeypatch.setattr(Stage, "places", SimpleNamespace(place=lambda candidate: candidate.where))
+    before = {"errors": refit("", "", 400.0).errors, "chi2_held_out": math.nan, "samples_held_out": 0}  # one record
+    weak = probability.evidence([replace(stage(("sensor drift", "x", 330.0), ("heat loss", "room", 390.0)), **before)])
+    assert of(weak)[OUTSIDE] == pytest.approx(0.98) and of(weak)["sensor drift"] == 0
+    mixed = probability.evidence([replace(stage(("sensor drift", "x", 330.0), ("heat loss", "room", 200.0)), **before)])
+    assert of(mixed)["heat loss"] + of(mixed)[OUTSIDE] == pytest.approx(0.98) and of(mixed)["heat loss"] > 0.2
+
+
+def test_candidates_that_act_as_a_refitted_one_or_cannot_be_simulated_are_not_left_to_try() -> None:
+    """Ten candidates: one refitted, its twin, one that was left out, two that cannot be simulated, four that were not
+    refitted, and one without a score, which gets the mean gain of 1.5."""
+    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(label=label), gain=gain) for label, gain in
+                         [("a", 3.0), ("twin", 3.0), ("out", 1.0), *((f"open {k}", 0.875) for k in range(4))]]
+    made = replace(stage(("a", "x", 9.0)), scores=tuple(scored), partial=True, planned=10, broken=("b", "c"),
+                   twins={"a at x": ("twin",)}, excluded={"out": "never acts", "a": ""})
+    mean = 10.5 / 7
+    assert probability._untried(made) == pytest.approx((3.5 + mean) / (10.5 + mean))
+
+
+def test_places_that_the_records_cannot_distinguish_add_their_prior_probabilities() -> None:
+    """A damper between three pairs of nodes: two act alike, of which one was refitted, and one has no influence."""
+    damper, compliance = refit("viscous damping", "tip", 1.0), refit("series compliance", "beam", 1.0)
+    twin, mute = (SimpleNamespace(kind="viscous damping", place=f"at {w}", where=(w,), label=w) for w in ("wall", "motor"))
+    made: Any = SimpleNamespace(twins={"viscous damping at tip": ("wall",)}, scores=[
+        SimpleNamespace(candidate=twin, told_apart=True), SimpleNamespace(candidate=mute, told_apart=False)],
+        places=SimpleNamespace(place=lambda candidate: candidate.where))
+    found = probability._with_prior({16.0: np.array([0.5, 0.5])}, [damper, compliance], made)
+    assert found[16.0] == pytest.approx([0.5, 0.5])

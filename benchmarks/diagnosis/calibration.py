@@ -150,9 +150,14 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis, fi
         effects, outside, _ = answer_leaves(step, known, answer.localization if first else None, constants)
         _, _, mass, among = map(float, parts(constants, known.missing, known.sheet, known.left,
                                              known.outside.get(temperature, float("nan"))))
-        for leaf, whole in [*((leaf, among) for leaf in effects), *((leaf, mass) for leaf in outside)]:
-            law = table.setdefault((leaf.keys, leaf.labels), _Law(leaf, np.zeros(len(GRID))))
-            law.weights[k] += leaf.probability / max(whole, 1e-300)
+        # the laws that explain nothing belong to the mass of all effects, at the places of laws outside the catalogue
+        unexplained = (1 - known.untried) * known.unexplained(temperature)
+        everything = max(mass + among * unexplained, 1e-300)
+        for leaf, weight, of_outside in [*((leaf, leaf.probability / max(among, 1e-300), False) for leaf in effects),
+                                         *((leaf, leaf.probability / everything, True) for leaf in outside),
+                                         *((leaf, leaf.probability / everything * unexplained, False) for leaf in outside)]:
+            law = table.setdefault((leaf.keys, leaf.labels, of_outside), _Law(leaf, np.zeros(len(GRID)), of_outside))
+            law.weights[k] += weight
         if known.effects:
             values[k] = (1 - known.untried) * sum(
                 float(w) for e, w in zip(known.effects, known.weights[temperature], strict=True) if e.kind == VALUE)
@@ -163,7 +168,7 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis, fi
         matches = max((_match(case, step, candidates[label]) for label in law.leaf.labels if label in candidates), default=0)
         dominant, every = (belonging(law.leaf.keys, of, matches >= least) for of, least in ((hidden[:1], 2), (hidden, 1))) \
             if case.effect is not None else [str(int(matches == 2)) * len(law.leaf.keys)] * 2
-        entries.append(Entry(law.leaf.keys, every, dominant, law.weights))
+        entries.append(Entry(law.leaf.keys, every, dominant, law.weights, law.of_outside))
     values_alike = case.effect is not None and bool(step.acts_as.get(case.effect.label))
     adequacy = answer.adequacy
     return {"laws": listed(entries), "names": [" | ".join(law.leaf.names[1:]) for law in laws[:3]],
@@ -177,13 +182,14 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis, fi
 
 @dataclass(frozen=True)
 class Entry:
-    """A law in a row: the keys of its branches, whether they are true, whether they belong to the dominant effect, and its
-    weights (k,)."""
+    """A law in a row: the keys of its branches, whether they are true, whether they belong to the dominant effect, its
+    weights (k,), and whether these are shares of the mass of laws outside the catalogue."""
 
     keys: tuple[object, ...]
     truths: str
     dominant: str
     weights: Array
+    of_outside: bool
 
 
 def listed(entries: Sequence[Entry]) -> list[list[object]]:
@@ -192,25 +198,26 @@ def listed(entries: Sequence[Entry]) -> list[list[object]]:
     large = [entry for entry in entries if entry.weights.max() >= LEAST][:LEAVES]
     small: dict[tuple[object, bool], Entry] = {}
     for entry in (e for e in entries if not any(e is other for other in large)):
-        key = entry.keys[0], OUTSIDE in entry.keys
-        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", "0", np.zeros(len(GRID))))
+        key = entry.keys[0], entry.of_outside
+        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", "0", np.zeros(len(GRID)), key[1]))
         small[key] = replace(before, weights=before.weights + entry.weights, truths=max(before.truths, entry.truths[0]),
                              dominant=max(before.dominant, entry.dominant[0]))
     numbers: dict[tuple[object, ...], int] = {}
     rows: list[list[object]] = []
     for entry in (*large, *small.values()):
         branches = [numbers.setdefault(entry.keys[:d + 1], len(numbers)) for d in range(len(entry.truths))]
-        rows.append([branches, entry.truths, entry.dominant, int(OUTSIDE in entry.keys),
+        rows.append([branches, entry.truths, entry.dominant, int(entry.of_outside),
                      [round(float(w), DIGITS) for w in entry.weights]])
     return rows
 
 
 @dataclass(frozen=True)
 class _Law:
-    """A law and its weights (k,) at the temperatures."""
+    """A law and its weights (k,) at the temperatures, of the mass of laws outside the catalogue or of the effects."""
 
     leaf: Leaf
     weights: Array
+    of_outside: bool
 
 
 def hidden_levels(case: Drawn, step: Stage) -> list[tuple[tuple[object, ...], bool]]:

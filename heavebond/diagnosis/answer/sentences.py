@@ -563,7 +563,7 @@ def so_far(steps: Sequence[Stage], untried: Sequence[str]) -> list[str]:
     if cut:
         step = steps[cut - 1]
         scored, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
-        planned = max(step.planned, len(scored | refitted))
+        planned = max(step.planned - len(step.broken), len(scored | refitted))
         line = f"{f'In step {cut}' if len(steps) > 1 else 'So far'}, {len(scored)} of {counted(planned, 'candidate')} " \
                f"{'was' if len(scored) == 1 else 'were'} scored and {len(refitted)} refitted; the others may explain the " \
                "residual as well."

@@ -224,9 +224,8 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
         return root, _path(root)
 
     root, path = grown([*effects, *outside])
-    if path and path[-1].level == "system":  # no single place is stated; several that the records cannot distinguish may be
-        merged = grown(_with_equivalent_places([*effects, *outside], step.twins))
-        root, path = merged if len(merged[1]) > len(path) else (root, path)
+    if all(node.level == "system" for node in path):  # no place is stated; several that the records cannot distinguish may be
+        root, path = grown(_with_equivalent_places([*effects, *outside], step.twins))
     best = _best(step, finding, path, root)
     meaning = _meaning(best, library) if best is not None else ""
     return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best, root),
@@ -336,6 +335,7 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
         leaves = _localized(step, localization, mass, temperature)
     else:
         among = sum(leaf.probability for leaf in effects) or 1.0
+        mass *= 1 - known.unexplained(temperature)  # laws that explain nothing do not show a place
         sums: dict[tuple[object, ...], Leaf] = {}
         for leaf in effects:
             keys = (*leaf.keys[:3], OUTSIDE)

@@ -124,7 +124,7 @@ class Candidate:
     * members: if the law acts at several places at once, labels of the candidates at the single places.
     * old: component of the replaced part.
     * acts: quantity of the diagram that is positive while the effect acts.
-    * reverses: True if the effect acts only if the motion reverses.
+    * reverses: variable of the new part whose motion the effect ends, so that it must reverse; empty for other effects.
     * begins: parameters of the state at the start, with a value for each record.
     """
 
@@ -142,7 +142,7 @@ class Candidate:
     members: tuple[str, ...] = ()
     old: str = ""
     acts: str = ""
-    reverses: bool = False
+    reverses: str = ""
     begins: tuple[str, ...] = ()
 
     @property
@@ -301,8 +301,8 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, placed: 
     acts = effect.acts
     if acts is not None:
         placed = [replace(c, acts=component.in_diagram(acts, c.name)) for c in placed]
-    if any(REVERSES in required for required in effect.requires.values()):
-        placed = [replace(c, reverses=True) for c in placed]
+    for variable in (key for key, required in effect.requires.items() if REVERSES in required):
+        placed = [replace(c, reverses=f"{c.name}.{variable}") for c in placed]
     for key, sought in effect.begins.items():
         placed = [replace(c, begins=(*c.begins, f"{c.name}.{key}"), change=replace(
             c.change, each={**c.change.each, f"{c.name}.{key}": sought.range})) for c in placed if sought.range is not None]

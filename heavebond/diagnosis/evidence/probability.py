@@ -21,7 +21,8 @@ their class. So one of ninety variations must predict better than one of two sen
 refine a simpler law at the same place, with an amplitude that is not significant. The weight of such a law is added to the
 weight of the simpler one.
 
-The odds of a law outside the catalogue are A if the residual is noise. If it is larger, the identified curves represent such
+A law that explains no noticeable part of the misfit (`step.is_noticeable`) is not what is missing, also if it predicts best
+of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If it is larger, the identified curves represent such
 laws. With the same weight r_k of curve k relative to the best law, both in one diagram, and the share w of the best law
 among the effects, the odds are A w sum_k r_k. If no curve was fitted, the odds are A exp(B (1 - 1/c)). Here c is at least 1,
 and 1 - 1/c is the share of the squared error that exceeds the noise.
@@ -50,8 +51,8 @@ from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
-from heavebond.diagnosis.search.schedule import PROMISING
-from heavebond.diagnosis.search.step import Stage, refines, twins_of
+from heavebond.diagnosis.search.schedule import largest_gains
+from heavebond.diagnosis.search.step import Stage, is_noticeable, refines, twins_of
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
@@ -128,7 +129,8 @@ class Evidence:
     """Data from which the probabilities are computed.
 
     * effects: events of the models, with probability 0; class VALUE for another value of a fixed number.
-    * weights: their weights (m,) at each of the TEMPERATURES.
+    * weights: their weights (m,) at each of the TEMPERATURES. Laws that explain no noticeable part of the misfit have the
+      weight 0, so that the sum may be below 1; the rest counts as a law outside the catalogue.
     * left: mean squared whitened prediction error of the best model, at least 1 (1 = noise level; 1 if no model was fitted).
     * missing: bound of the Bayes factor for "nothing is missing" from the residual tests.
     * sheet: bound of the Bayes factor for the values of the data sheet from the fitted parameters.
@@ -151,6 +153,10 @@ class Evidence:
         """Weight of all identified curves relative to all effects, at each of the TEMPERATURES."""
         return {t: float(self.weights[t].max(initial=0.0) * curve_weights.sum())
                 for t, curve_weights in self.flexible.items()}
+
+    def unexplained(self, temperature: float) -> float:
+        """Share of the laws that explain no noticeable part of the misfit; 0 before the first refit."""
+        return max(0.0, 1 - float(self.weights[temperature].sum())) if self.effects else 0.0
 
     def as_dict(self) -> dict[str, object]:
         """Return the evidence for JSON, without effects of negligible weight."""
@@ -195,10 +201,15 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     stage = compared_step(first, review)
     value_trials = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
     alike = _families((*stage.trials, *value_trials), stage)
-    best = [min(family, key=loss) for family in alike]
+
+    def explains(trial: Refit) -> bool:
+        return is_noticeable(first if trial.candidate.kind == VALUE else stage, trial)
+
+    best = [min(family, key=lambda t: (not explains(t), loss(t))) for family in alike]
     weights = _with_prior(law_weights(best), best, stage)
     if stage.joint and value_trials:
         weights = _beside_values(best, weights, _families((*first.trials, *value_trials), first), first)
+    weights = {t: w * [explains(b) for b in best] for t, w in weights.items()}
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # after a search that was ended early the residual is not evidence for a law outside the catalogue: further effects were
     # not tried
@@ -206,17 +217,22 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     # the three p values combined are below the sum of the significance levels if one of them is below its level
     level = sum(LEVELS.values())
     p_value = float(min(1.0, *(getattr(stage.left, name) * level / own_level for name, own_level in LEVELS.items())))
-    untried = 0.0
-    if stage.partial and stage.planned:
-        # promising candidates without a refit: without a score, or with a score of at least PROMISING times the largest
-        gains = {s.candidate.label: s.gain for s in stage.scores}
-        least = PROMISING * max(gains.values(), default=0.0)
-        promising = {label for label, gain in gains.items() if gain >= least}
-        unscored = max(stage.planned - len(gains), 0)
-        untried = (len(promising - {t.candidate.label for t in stage.trials}) + unscored) \
-            / max(len(promising) + unscored, 1)
+    untried = _untried(stage) if stage.partial else 0.0
     return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, stage), stage), residual, factor_bound(p_value),
                     factor_bound(sheet), *_flexible(adequacy, stage), untried)
+
+
+def _untried(stage: Stage) -> float:
+    """Share of the gains of all scores of a step whose candidates were neither refitted nor excluded, because the search was
+    ended early. A candidate that is equivalent to a refitted one counts as refitted, and one that has no score yet as one
+    with the mean gain. The diagrams that cannot be simulated are left out."""
+    gains = largest_gains(stage.scores, lambda candidate: candidate.label)
+    reached = {*(t.candidate.label for t in stage.trials), *stage.failed, *stage.excluded}
+    reached |= {twin for label in reached for twin in stage.twins.get(label, ())}
+    unscored = max(stage.planned - len(gains) - len(stage.broken), 0)
+    mean = sum(gains.values()) / len(gains) if any(gains.values()) else 1.0
+    total = sum(gains.values()) + unscored * mean
+    return (sum(gain for label, gain in gains.items() if label not in reached) + unscored * mean) / total if total > 0 else 0.0
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
@@ -254,15 +270,31 @@ def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], stage: St
     """Multiply the weights of the best laws of each class and place by their prior probabilities.
 
     The prior is one over the number of places of the class, or of parameters and variables of a variation, among all scored
-    candidates.
+    candidates that the records can show. Equivalent candidates at other places, which were not refitted, add their priors:
+    the records cannot distinguish them, and one of two such places is twice as probable as a single one.
     """
     if not best:
         return dict(weights)
+    by_label = {s.candidate.label: s.candidate for s in stage.scores if s.told_apart}
     places: dict[str, set[str]] = {}
-    for candidate in (*(s.candidate for s in stage.scores), *(t.candidate for t in best)):
+    for candidate in (*by_label.values(), *(t.candidate for t in best)):
         places.setdefault(candidate.kind, set()).add(candidate.place)
-    prior = np.array([1 / len(places[t.candidate.kind]) for t in best])
+    prior = []
+    for trial in best:
+        twins = [by_label[label] for label in stage.twins.get(trial.candidate.label, ()) if label in by_label]
+        prior.append(sum(max(1 / len(places[c.kind]) for c in alike)
+                         for alike in _alike([trial.candidate, *twins], stage).values()))
     return {t: weight * prior / max(float(weight @ prior), 1e-300) for t, weight in weights.items()}
+
+
+def _alike(candidates: Sequence[Candidate], stage: Stage) -> dict[object, list[Candidate]]:
+    """Group equivalent candidates by class and place; fixed values by their names. The class is that of the first one for a
+    class that is a special case of it, or of which it is one."""
+    alike: dict[object, list[Candidate]] = {}
+    for c in candidates:
+        kind = candidates[0].kind if same_class(c.kind, candidates[0].kind) else c.kind
+        alike.setdefault(c.name if c.kind == VALUE else (kind, stage.places.place(c)), []).append(c)
+    return alike
 
 
 def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], stage: Stage
@@ -330,7 +362,6 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
     if not families:
         return (), {}
     by_label = {s.candidate.label: s.candidate for s in stage.scores}
-    places = stage.places
     events: dict[object, Event] = {}
     shares: dict[object, dict[int, float]] = {}
     order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event gets the name of its best law
@@ -338,11 +369,7 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
         family = families[k]
         members = [t.candidate for t in family]
         twins = [by_label[label] for c in members for label in stage.twins.get(c.label, ()) if label in by_label]
-        alike: dict[object, list[Candidate]] = {}
-        for c in (*members, *twins):
-            # one class if one of the two classes is a special case of the other
-            kind = members[0].kind if same_class(c.kind, members[0].kind) else c.kind
-            alike.setdefault(c.name if c.kind == VALUE else (kind, places.place(c)), []).append(c)
+        alike = _alike([*members, *twins], stage)
         for key, candidates in alike.items():
             c, labels = candidates[0], tuple(c.label for c in candidates)
             before = events.setdefault(key, Event(c.kind, 0.0, c.place, c.where))
@@ -428,9 +455,9 @@ def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tupl
     nothing, parameters, outside, among = map(float, parts(
         constants, known.missing, known.sheet, known.left, known.outside.get(constants.temperature, math.nan)))
     weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
-    by_kind = {NOTHING: nothing, PARAMETERS: parameters, OUTSIDE: outside,
-               OTHER: constants.lapse + among * (known.untried + (1 - known.untried) * max(0.0, 1 - float(weights.sum())))}
+    by_kind = {NOTHING: nothing, PARAMETERS: parameters, OTHER: constants.lapse + among * (known.untried if known.effects else 1.0)}
     among *= 1 - known.untried
+    by_kind[OUTSIDE] = outside + among * known.unexplained(constants.temperature)
     effects = []
     for event, weight in zip(known.effects, weights, strict=True):
         if event.kind == VALUE:

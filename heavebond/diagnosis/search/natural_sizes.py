@@ -58,9 +58,8 @@ def with_natural_ranges(base: Base, candidates: Sequence[Candidate]) -> list[Can
     extended = []
     for candidate in candidates:
         at_place = [size for name in (*candidate.where, *candidate.change.nodes) for size in sizes.get(name, ())]
-        numbers = tuple(n if n.sought is None else replace(n, sought=_extended(_distinct(
-            n, interval, duration), natural_range(n.unit.dimension, at_place, interval, duration)))
-            for n in candidate.numbers)
+        numbers = tuple(n if n.sought is None else _distinct(replace(n, sought=_extended(n, natural_range(
+            n.unit.dimension, at_place, interval, duration))), interval, duration) for n in candidate.numbers)
         extended.append(candidate if numbers == candidate.numbers else replace(candidate, numbers=numbers))
     return extended
 

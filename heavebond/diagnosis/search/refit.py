@@ -44,7 +44,7 @@ from heavebond.diagnosis.search.refit_starts import (
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import is_instant
-from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals
+from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
@@ -147,7 +147,7 @@ class Refit:
     `at_end` are the free parameters at an end of their range. `beyond` are the numbers of the candidate at an end of their
     search range beyond which the sum of squares would fall; the refit is then not a minimum (see `passed_ends`). `unshown`
     are the amplitudes that the records do not distinguish from the value without an effect. `acts` is true if the effect
-    acts at some time in the fitted records (see `Candidate.acts`). `finer` is the number of times that the tolerances of its
+    acts at some time in the fitted records, and a stop ends a motion there (see `_RefitProblem._acts`). `finer` is the number of times that the tolerances of its
     runs were multiplied by `FINER`, relative to the base model.
     """
 
@@ -549,13 +549,7 @@ class _RefitProblem:
                          for run, separate_values in zip(problem.runs, values, strict=True)}
         instants = sum(is_instant(problem.experiment.model, name)
                        for separate_values in held_out.values() for name in separate_values)
-        acts = not self.candidate.acts
-        if self.candidate.acts:  # at some time in a fitted record
-            for run in (exact[run.record.name] for run in self.runs):
-                result = run.simulator.run(problem.values_of(inner, run.record.name))
-                acts = bool(np.any(Probe(run.assembly, [self.candidate.acts], si=True).values(result) > 0))
-                if acts:
-                    break
+        acts = not self.candidate.acts or self._acts([exact[run.record.name] for run in self.runs], inner)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in {*self.ranges, *self.candidate.change.each})
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
@@ -564,6 +558,23 @@ class _RefitProblem:
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
                      unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
                      finer=self.finer, acts=acts, own={**record_values, **held_out} if each else {})
+
+    def _acts(self, runs: Sequence[Run], inner: Array) -> bool:
+        """True if the effect acts at some time in the fitted records. A stop must also end the motion: in one record it is
+        reached from the free motion, and it yields less than this motion is wide. Otherwise it is a spring."""
+        candidate, reached, yields, free = self.candidate, False, 0.0, 0.0
+        for run in runs:
+            result = run.simulator.run(self.problem.values_of(inner, run.record.name))
+            wanted = [candidate.acts, *([candidate.reverses] if candidate.reverses else [])]
+            acting, *position = Probe(run.assembly, wanted, si=True).values(result)
+            if not position:
+                if np.any(acting > 0):
+                    return True
+                continue
+            reached = reached or bool(np.any((acting[1:] > 0) & (acting[:-1] <= 0)))
+            yields = max(yields, float(acting.max()))
+            free = max(free, float(np.ptp(position[0][acting <= 0])) if np.any(acting <= 0) else 0.0)
+        return reached and yields < free
 
     def slack(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> float:
         """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.

@@ -68,6 +68,7 @@ SCORING = 0.5  # and the share of it after which no candidate is scored, so that
 # A candidate is justified if chi-square on held-out data falls by this, in units of the residual per sample. The square of a
 # standard normal number exceeds it by chance less than once in a thousand cases.
 EARNED = 12.0
+ENDS_NO_MOTION = "in the fitted records no free motion ends at it, or it yields further than that motion, as a spring does"
 
 
 @dataclass(frozen=True)
@@ -299,7 +300,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             partial, tests = True, leftover(base, scores, prescored.scores)
             twins = twins or planned(scores, as_one)[2]
     if not always:
-        excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
+        excluded |= {label: ENDS_NO_MOTION if t.candidate.reverses else "it never acts in the fitted records"
+                     for label, t in refits.trials.items() if not t.acts}
     if not always or len(proposed) > 1:
         excluded |= {label: "the channel passes most values only once, so that the curve is one over time, and it does not "
                      "hold for other records" for label, t in refits.trials.items() if _of_one_time(t, base)}
@@ -488,6 +490,7 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
 
 
 ONE_WAY = 1.02  # ratio of path and distance up to which a motion has one direction
+BACK = 10.0  # standard deviations of noise: the largest difference of two of a million samples is less by chance
 # A signal above this share of its largest size sees a bent characteristic within 5 % of the range as a straight line.
 FAR_FROM_ZERO = 0.8
 POSITIONS = 50  # number of positions at which passes are counted
@@ -511,9 +514,31 @@ def _displacements(candidate: Candidate, base: Base) -> list[Array]:
 
 def _reverses(candidate: Candidate, base: Base) -> bool:
     """True if the motion between the nodes of a candidate reverses in one of the fitted records by more than noise and
-    vibration: the path is longer than the distance from start to end."""
+    vibration: the path of the base model is longer than the distance from start to end, or a measured position or speed of a
+    node goes back by as much. (The base model lacks the stop that throws a body back.)"""
     paths = _displacements(candidate, base)
-    return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths)
+    return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths) \
+        or any(min(np.max(np.maximum.accumulate(x) - x), np.max(x - np.minimum.accumulate(x))) > max(
+            (ONE_WAY - 1) * float(np.ptp(x)), BACK * noise) for x, noise in _measured_motions(candidate, base))
+
+
+def _measured_motions(candidate: Candidate, base: Base) -> list[tuple[Array, float]]:
+    """Measured displacements (N,) of the nodes of a candidate in the fitted records, from channels that are their position or
+    speed, with the standard deviation of their noise."""
+    motions = []
+    for run in (base.exact[run.record.name] for run in base.problem.runs):
+        nodes = {name: node for name, node in nodes_of(run.assembly.flat).items() if name in candidate.where}
+        for k, output in enumerate(base.problem.experiment.outputs.values()):
+            node = nodes.get(output.shown.text.rpartition(".")[0])
+            used = run.counts[k]
+            if node is None or not node.mechanical or np.count_nonzero(used) < 3:
+                continue
+            time, course, noise = run.found.grid[used], run.measured[k, used], float(np.mean(run.noise[k, used]))
+            if output.shown.text.rpartition(".")[2] == node.across:
+                motions.append((integral(course, time), noise * float(np.sqrt(np.sum(np.diff(time)**2)))))
+            elif output.shown.text.rpartition(".")[2] == node.domain.position:
+                motions.append((course, noise))
+    return motions
 
 
 def _of_one_time(trial: Refit, base: Base) -> bool:
