@@ -14,6 +14,7 @@ import pytest
 import heavebond as hb
 from heavebond.core.cancellation import Budget
 from heavebond.diagnosis import phases
+from heavebond.diagnosis.answer.sentences import SEGMENTS
 from heavebond.diagnosis.evidence.horizons import horizon_words, with_horizons
 from heavebond.diagnosis.search.stepwise import SelectedEffect
 from heavebond.diagnosis.state import ladder_entry
@@ -120,7 +121,7 @@ def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
     def search(state: phases.State, task: phases.Task, kept: float) -> Iterator[phases.State]:
         searched.append(bool(state.experiment.horizons))
         chosen: Any = SimpleNamespace(experiment=plain, chi2_fit=chi2, chi2_held_out=chi2, samples_held_out=401, samples=401)
-        last: Any = SimpleNamespace(partial=False, left=SimpleNamespace(significant=True))
+        last: Any = SimpleNamespace(partial=False, trials=(), left=SimpleNamespace(significant=True))
         yield replace(state, last=last, selection=(cast(SelectedEffect, SimpleNamespace(chosen=chosen)),))
 
     monkeypatch.setattr(phases, "_search", search)
@@ -131,6 +132,25 @@ def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
     assert searched == within_segments and bool(found.experiment.horizons) is not kept
     if found.experiment.horizons:  # the table of models refers to the segments
         assert found.models[-1].chi2_fit < state.models[-1].chi2_fit / 10
+
+
+def test_the_result_on_whole_records_is_the_answer_until_an_effect_is_refitted_within_segments(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time ends during the scores within the segments, or after its first refit."""
+    plain = written(tmp_path, CLOSED, 0.3)
+    for trials in ((), (SimpleNamespace(),)):
+        def search(state: phases.State, task: phases.Task, kept: float, of: Any = trials) -> Iterator[phases.State]:
+            within = bool(state.experiment.horizons)
+            last: Any = SimpleNamespace(partial=within, trials=of, left=SimpleNamespace(significant=True))
+            chosen: Any = SimpleNamespace(experiment=plain, chi2_fit=50.0, chi2_held_out=50.0, samples_held_out=401)
+            effect = cast(SelectedEffect, SimpleNamespace(chosen=chosen))
+            yield replace(state, last=last, selection=() if within else (effect,))
+
+        monkeypatch.setattr(phases, "_search", search)
+        monkeypatch.setattr(phases, "_misfit_within", lambda cut, state: 1.0)
+        task: Any = SimpleNamespace(budget=Budget(np.inf), say=lambda text: None)
+        *_, found = phases.search(phases.State(plain, plain, models=(ladder_entry("vessel", compare(plain)),)), task)
+        assert bool(found.experiment.horizons) == bool(trials) and (SEGMENTS in found.untried) != bool(trials)
 
 
 def test_a_short_record_that_is_not_fitted_is_one_segment(tmp_path: Path) -> None:

@@ -57,11 +57,11 @@ def test_an_end_stop_is_no_candidate_for_a_shaft_that_turns_one_way(tmp_path: Pa
 
 
 def test_an_end_stop_that_always_holds_is_a_spring(tmp_path: Path) -> None:
-    """The spring of a rotor has 7.5 N*m/rad in the diagram and 8 N*m/rad in the machine, with damping: w = 10 exp(-t/20) cos(2 t).
-    Stops at both sides of a narrow gap act as the rest. A free rotor that one stop of 800 N*m/rad throws back is kept, although the
-    diagram without the stop turns one way."""
-    spring = ROTOR.replace("nodes:", "  spring: {is: TorsionSpring, c: 7.5 N*m/rad}\n  frame: {is: FixedShaft}\nnodes:").replace(
-        "rotor.a]}", "rotor.a, spring.b], ground: [frame.a, spring.a]}")
+    """A spring has 7.5 N*m/rad in the diagram and 8 N*m/rad in the machine, with damping: w = 10 exp(-t/20) cos(2 t). Stops
+    at both sides of a narrow gap act as the rest. A stop of 800 N*m/rad that throws a free rotor back is kept, although the diagram
+    without it turns one way."""
+    spring = ROTOR.replace("nodes:", "  spring: {is: TorsionSpring, c: 7.5 N*m/rad}\n  frame: {is: FixedShaft}\nnodes:")
+    spring = spring.replace("rotor.a]}", "rotor.a, spring.b], ground: [frame.a, spring.a]}")
     t = np.arange(0, 6, 0.02)
     noise = np.random.default_rng(2).normal(0, 0.01, len(t))
     bounce = np.where(t < 0.3, 10.0, np.where(t < 0.3 + np.pi/20, 10*np.cos(20*(t - 0.3)), -10.0))

@@ -16,7 +16,7 @@ from heavebond.core.cancellation import Budget
 from heavebond.core.errors import HeavebondError, SimulationError, StartError, listing
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.answer.confirm import Confirming, at_fit, compared, first_entries
-from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, VALUES, was_ended
+from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, SEGMENTS, VALUES, was_ended
 from heavebond.diagnosis.answer.verdict import is_adequate, misfit_reduction, near_noise, unexplained, verdict
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
@@ -237,7 +237,8 @@ def search(state: State, task: Task) -> Iterator[State]:
     repeated there. The result on the whole records is kept if the fitted parameters alone leave only noise within the
     segments, and the effects on the whole records, if any, leave little more than noise (`SLIGHT`). It is also kept if it
     leaves less than the share `SUPPORTED` of the misfit within the segments that the result of the segments leaves: a law
-    that is missing reduces the errors on both scales, a law that only bounds the drift does not.
+    that is missing reduces the errors on both scales, a law that only bounds the drift does not. If the time ends before an
+    effect is refitted within the segments, the result on the whole records is the answer so far.
     """
     last = state.models[-1].comparison
     task.say("examining the drift of the model")
@@ -259,6 +260,8 @@ def search(state: State, task: Task) -> Iterator[State]:
     chosen = whole.selection[-1].chosen if whole.selection else None
     if near_noise(models[-1]) and (chosen is None or max(chosen.chi2_fit, chosen.chi2_held_out) <= SLIGHT):
         return  # separate starts explain the misfit, so the segments cannot show an effect: the whole records tell more
+    whole = whole.without(SEGMENTS)  # until the search within the segments has an answer
+    yield whole
     misfit_of_whole = _misfit_within(cut, whole) if chosen is not None else inf
 
     def supports_whole(within: State) -> bool:
@@ -272,7 +275,11 @@ def search(state: State, task: Task) -> Iterator[State]:
         within = improved
         if within.selection and not supported:  # before, the result on the whole records is the better one
             yield within
-    yield whole if supported else within
+    assert within.last is not None
+    if supported:
+        yield replace(whole, untried=tuple(part for part in whole.untried if part != SEGMENTS))
+    elif within.last.trials or not within.last.partial:
+        yield within
 
 
 def _misfit_within(cut: Experiment, state: State) -> float:

@@ -535,6 +535,7 @@ EFFECTS = "effects of the catalogue"
 CALIBRATION = "offsets and gains of inputs and channels together with the leading effects"
 FURTHER, VALUES = "further effects", "other values of the fixed parameters"
 CURVES = "identified curves in place of an effect"
+SEGMENTS = "effects within segments of the records, which hold little of the drift of the model"
 MORE_TIME = "More time: `--seconds`. Less to do: `--samples`, `--only CLASS`, or `from:` and `to:` at a record."
 
 
