@@ -58,8 +58,8 @@ def test_an_end_stop_is_no_candidate_for_a_shaft_that_turns_one_way(tmp_path: Pa
 
 def test_an_end_stop_that_always_holds_is_a_spring(tmp_path: Path) -> None:
     """A spring has 7.5 N*m/rad in the diagram and 8 N*m/rad in the machine, with damping: w = 10 exp(-t/20) cos(2 t). Stops
-    at both sides of a narrow gap act as the rest. A stop of 800 N*m/rad that throws a free rotor back is kept, although the diagram
-    without it turns one way."""
+    at both sides of a narrow gap act as the rest. A stop of 800 N*m/rad that throws a free rotor back is kept, although the
+    diagram without it turns one way."""
     spring = ROTOR.replace("nodes:", "  spring: {is: TorsionSpring, c: 7.5 N*m/rad}\n  frame: {is: FixedShaft}\nnodes:")
     spring = spring.replace("rotor.a]}", "rotor.a, spring.b], ground: [frame.a, spring.a]}")
     t = np.arange(0, 6, 0.02)
