@@ -85,11 +85,12 @@ def test_the_ranges_follow_the_machine_and_keep_those_of_the_component(tmp_path:
     assert (number.sought.scored.low, number.sought.scored.high) == pytest.approx((0.002, 0.03))
     assert all(0.002 < point[number.name] < 0.03 for point in points_within(shaft, {}))
     # one whose whole range is below the sample interval is extended first: scored at times that the records distinguish
-    faster = replace(number, sought=replace(number.sought, range=replace(number.sought.range, low=1e-5, high=1e-4), scored=None))
+    small = replace(number.sought.range, low=1e-5, high=1e-4)
+    faster = replace(number, sought=replace(number.sought, range=small, scored=None))
     (extended,) = with_natural_ranges(base, [replace(shaft, numbers=(faster,))])[0].numbers
     assert extended.sought is not None and extended.sought.range is not None and extended.sought.scored is not None
     assert (extended.sought.range.low, extended.sought.range.high) == pytest.approx((1e-5, 0.3996))
-    assert (extended.sought.scored.low, extended.sought.scored.high) == pytest.approx((0.002, 0.3996))  # a tenth of the record
+    assert (extended.sought.scored.low, extended.sought.scored.high) == pytest.approx((0.002, 0.3996))
     assert ranges["ShaftCompliance", "T_d"].low == pytest.approx(0.0003)
     assert ranges["Delay", "T"].low == pytest.approx(0.002) and ranges["Delay", "T"].high == 20
     assert ranges["RotationalLuGreFriction", "r"] == next(
