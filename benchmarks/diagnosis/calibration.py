@@ -199,7 +199,8 @@ def listed(entries: Sequence[Entry]) -> list[list[object]]:
     small: dict[tuple[object, bool], Entry] = {}
     for entry in (e for e in entries if not any(e is other for other in large)):
         key = entry.keys[0], entry.of_outside
-        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", "0", np.zeros(len(GRID)), key[1]))
+        keys = (entry.keys[0], *([OUTSIDE] if entry.of_outside else []))
+        before = small.get(key, Entry(keys, "0", "0", np.zeros(len(GRID)), entry.of_outside))
         small[key] = replace(before, weights=before.weights + entry.weights, truths=max(before.truths, entry.truths[0]),
                              dominant=max(before.dominant, entry.dominant[0]))
     numbers: dict[tuple[object, ...], int] = {}

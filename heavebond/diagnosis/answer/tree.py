@@ -224,7 +224,7 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
         return root, _path(root)
 
     root, path = grown([*effects, *outside])
-    if all(node.level == "system" for node in path):  # no place is stated; several that the records cannot distinguish may be
+    if all(node.level == "system" for node in path):  # no single place is stated; several that are alike may be
         root, path = grown(_with_equivalent_places([*effects, *outside], step.twins))
     best = _best(step, finding, path, root)
     meaning = _meaning(best, library) if best is not None else ""

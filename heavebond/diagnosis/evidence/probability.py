@@ -22,8 +22,8 @@ refine a simpler law at the same place, with an amplitude that is not significan
 weight of the simpler one.
 
 A law that explains no noticeable part of the misfit (`step.is_noticeable`) is not what is missing, also if it predicts best
-of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If it is larger, the identified curves represent such
-laws. With the same weight r_k of curve k relative to the best law, both in one diagram, and the share w of the best law
+of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If it
+is larger, the identified curves represent such laws. With the same weight r_k of curve k relative to the best law, both in one diagram, and the share w of the best law
 among the effects, the odds are A w sum_k r_k. If no curve was fitted, the odds are A exp(B (1 - 1/c)). Here c is at least 1,
 and 1 - 1/c is the share of the squared error that exceeds the noise.
 
@@ -231,8 +231,8 @@ def _untried(stage: Stage) -> float:
     reached |= {twin for label in reached for twin in stage.twins.get(label, ())}
     unscored = max(stage.planned - len(gains) - len(stage.broken), 0)
     mean = sum(gains.values()) / len(gains) if any(gains.values()) else 1.0
-    total = sum(gains.values()) + unscored * mean
-    return (sum(gain for label, gain in gains.items() if label not in reached) + unscored * mean) / total if total > 0 else 0.0
+    left = sum(gain for label, gain in gains.items() if label not in reached) + unscored * mean
+    return left / max(sum(gains.values()) + unscored * mean, 1e-300)
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
@@ -455,7 +455,8 @@ def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tupl
     nothing, parameters, outside, among = map(float, parts(
         constants, known.missing, known.sheet, known.left, known.outside.get(constants.temperature, math.nan)))
     weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
-    by_kind = {NOTHING: nothing, PARAMETERS: parameters, OTHER: constants.lapse + among * (known.untried if known.effects else 1.0)}
+    by_kind = {NOTHING: nothing, PARAMETERS: parameters,
+               OTHER: constants.lapse + among * (known.untried if known.effects else 1.0)}
     among *= 1 - known.untried
     by_kind[OUTSIDE] = outside + among * known.unexplained(constants.temperature)
     effects = []

@@ -523,8 +523,8 @@ def _reverses(candidate: Candidate, base: Base) -> bool:
 
 
 def _measured_motions(candidate: Candidate, base: Base) -> list[tuple[Array, float]]:
-    """Measured displacements (N,) of the nodes of a candidate in the fitted records, from channels that are their position or
-    speed, with the standard deviation of their noise."""
+    """Measured displacements (N,) of the nodes of a candidate in the fitted records, from channels that are their position
+    or speed, with the standard deviation of their noise."""
     motions = []
     for run in (base.exact[run.record.name] for run in base.problem.runs):
         nodes = {name: node for name, node in nodes_of(run.assembly.flat).items() if name in candidate.where}
