@@ -22,10 +22,10 @@ refine a simpler law at the same place, with an amplitude that is not significan
 weight of the simpler one.
 
 A law that explains no noticeable part of the misfit (`step.is_noticeable`) is not what is missing, also if it predicts best
-of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If it
-is larger, the identified curves represent such laws. With the same weight r_k of curve k relative to the best law, both in one diagram, and the share w of the best law
-among the effects, the odds are A w sum_k r_k. If no curve was fitted, the odds are A exp(B (1 - 1/c)). Here c is at least 1,
-and 1 - 1/c is the share of the squared error that exceeds the noise.
+of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If
+it is larger, the identified curves represent such laws. With the same weight r_k of curve k relative to the best law, both
+in one diagram, and the share w of the best law among the effects, the odds are A w sum_k r_k. If no curve was fitted, the
+odds are A exp(B (1 - 1/c)). Here c is at least 1, and 1 - 1/c is the share of the squared error that exceeds the noise.
 
 The probability that no effect is missing follows from the p value of the residual tests. The smallest Bayes factor for this
 hypothesis, -e p ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), is multiplied by prior

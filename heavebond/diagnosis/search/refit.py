@@ -147,8 +147,8 @@ class Refit:
     `at_end` are the free parameters at an end of their range. `beyond` are the numbers of the candidate at an end of their
     search range beyond which the sum of squares would fall; the refit is then not a minimum (see `passed_ends`). `unshown`
     are the amplitudes that the records do not distinguish from the value without an effect. `acts` is true if the effect
-    acts at some time in the fitted records, and a stop ends a motion there (see `_RefitProblem._acts`). `finer` is the number
-    of times that the tolerances of its runs were multiplied by `FINER`, relative to the base model.
+    acts at some time in the fitted records, and a stop ends a motion there (see `_RefitProblem._acts`). `finer` is the
+    number of times that the tolerances of its runs were multiplied by `FINER`, relative to the base model.
     """
 
     candidate: Candidate
