@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import HeavebondError
+from heavebond.language import library as library_files
 from heavebond.language.definition import Component
 from heavebond.language.library import bundled, called_functions, library
 from heavebond.language.symbols import nonsmooth, stepwise
@@ -144,6 +145,19 @@ def test_a_component_that_is_renamed_in_its_file_is_found_under_its_new_name(tmp
     file.unlink()
     file.mkdir()
     assert file not in library([tmp_path]).files.values()
+
+
+def test_a_working_copy_of_the_library_is_no_folder_of_a_user() -> None:
+    assert library([bundled("components").parent]).files == library().files
+
+
+def test_a_component_that_is_added_to_the_library_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "one.yaml").write_text("component: One\nsummary: A part.\n")
+    monkeypatch.setattr(library_files, "bundled", lambda folder: tmp_path)
+    monkeypatch.setattr(library_files, "_bundled_folders", lambda: [str(tmp_path)])
+    assert library_files._bundled_files()["component"] == {"One": tmp_path / "one.yaml"}
+    (tmp_path / "two.yaml").write_text("component: Two\nsummary: Another part.\n")
+    assert [*library_files._bundled_files()["component"]] == ["One", "Two"]
 
 
 # -- what is wrong -------------------------------------------------------------------------------------------------------

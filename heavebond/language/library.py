@@ -300,8 +300,18 @@ def called_functions(component: Component) -> list[Function]:
     return list(dict.fromkeys(function for tree in trees for function in functions_in(tree)))
 
 
-@lru_cache(maxsize=1)
 def _bundled_files() -> dict[str, dict[str, Path]]:
+    """The files of the library by kind and name; listed anew if a file has been added to one of its folders or removed."""
+    return _listed(tuple(os.stat(folder).st_mtime_ns for folder in _bundled_folders()))
+
+
+@cache
+def _bundled_folders() -> list[str]:
+    return [folder for folder, _, _ in os.walk(bundled("components"))]
+
+
+@lru_cache(maxsize=1)
+def _listed(stamps: tuple[int, ...]) -> dict[str, dict[str, Path]]:
     files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
     for path in _files_below(bundled("components")):
         with open(path, "rb") as file:  # the library's heads are on the first lines
@@ -314,15 +324,17 @@ def _bundled_files() -> dict[str, dict[str, Path]]:
 
 
 def _user_files(folder: Path) -> list[str]:
-    """The YAML files and the FMUs in a folder and below its `components`, in the order in which they are read. Strings: a
-    folder may hold hundreds of diagrams, of which a library takes none."""
+    """The YAML files and the FMUs in a folder and below its `components`, in the order in which they are read; in a working
+    copy of heavebond the latter are the library's. Strings: a folder may hold hundreds of diagrams, of which a library takes
+    none."""
     try:
         names = sorted(os.listdir(folder))
     except OSError:
         names = []
+    below = folder / "components"
     return [file for suffix in (".yaml", ".fmu") for file in (
         *(os.path.join(folder, name) for name in names if name.endswith(suffix)),
-        *_files_below(folder / "components", suffix))]
+        *(_files_below(below, suffix) if below.resolve() != _resolved("components") else ()))]
 
 
 def _files_below(top: Path, suffix: str = ".yaml") -> list[str]:
