@@ -16,6 +16,14 @@ from typing import Any
 import pytest
 
 
+def partly(cases: Iterable[Any], every: int) -> list[Any]:
+    """The cases of a sweep for `pytest.mark.parametrize`: the first, and each `every`-th after it, run with `make test`; the
+    others are marked `long`."""
+    return [case if number % every == 0 else
+            pytest.param(*(case if type(case) is tuple else (case,)), marks=pytest.mark.long)
+            for number, case in enumerate(cases)]
+
+
 def for_each(names: str | Sequence[str], cases: Iterable[Any], *, ids: Callable[[Any], object] | None = None,
              parts: int = 1) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Run a test function for every case, with the arguments `names` from the case.

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from collected import partly
 
 from benchmarks.diagnosis import ended
 from benchmarks.diagnosis.ended import Looks, counted_looks
@@ -124,7 +125,7 @@ def test_the_answer_has_the_same_form_in_whatever_phase_the_time_ends() -> None:
     assert all(result.answer and result.answer.verdict == "effect" for result in results if result.phase == "confirm")
 
 
-@pytest.mark.parametrize("position", ["before", "after"])
+@pytest.mark.parametrize("position", partly(["before", "after"], 2))
 def test_a_fault_in_a_phase_loses_nothing_that_was_known(
         position: str, rig: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search ends by an exception before its first state, or after its last."""

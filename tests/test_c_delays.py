@@ -9,6 +9,7 @@ import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from collected import partly
 from test_c_events import Program
 from test_co_simulation_fmu import get, opened
 from test_export import compiled
@@ -59,7 +60,7 @@ def compare(found: np.ndarray, run: hb.Result, names: list[str], share: float = 
         assert np.abs(found[:, k] - exact).max() < share * max(float(np.ptp(exact)), 1.0), name
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", partly(CASES, 4))
 def test_a_c_program_keeps_the_history_of_delays(name: str, tmp_path: Path) -> None:
     model = hb.loads(CASES[name])
     program, run = Program(model, tmp_path), hb.simulate(model, rtol=1e-9, atol=1e-11)
@@ -67,7 +68,7 @@ def test_a_c_program_keeps_the_history_of_delays(name: str, tmp_path: Path) -> N
     compare(found, run, list(model.show))
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", partly([2, 3], 2))
 def test_a_co_simulation_fmu_keeps_the_history_of_delays(version: int, tmp_path: Path) -> None:
     model = hb.loads(CASES["step"])
     export_fmu(model, tmp_path / "m.fmu", version=version)
@@ -87,7 +88,7 @@ def late(text: str) -> str:
     return text.replace("{until:", f"{{from: {UNIX} s, until:")
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", partly(CASES, 4))
 def test_a_late_begin_does_not_change_delays_in_a_c_program(name: str, tmp_path: Path) -> None:
     """A loop with delays, inputs of time, samples and a relay, after a begin at the time of a UNIX clock and at 0."""
     found = []
@@ -99,6 +100,7 @@ def test_a_late_begin_does_not_change_delays_in_a_c_program(name: str, tmp_path:
     assert np.abs(np.subtract(*found)).max() < 2e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_late_begin_does_not_change_delays_in_a_co_simulation_fmu(version: int, tmp_path: Path) -> None:
     found = []
@@ -111,6 +113,7 @@ def test_a_late_begin_does_not_change_delays_in_a_co_simulation_fmu(version: int
     assert np.abs(np.subtract(found[:30], found[30:])).max() < 2e-5
 
 
+@pytest.mark.long
 def test_water_hammer_in_a_c_program(tmp_path: Path) -> None:
     """Delayed variables that follow each other without a state between: the front comes back undamped."""
     model = hb.load("examples/transmission_line")

@@ -9,6 +9,7 @@ import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from collected import partly
 from test_co_simulation_fmu import get, opened
 from test_export import Compiled, compiled
 from test_fmu_events import BALL, SWITCHED, circuit
@@ -63,7 +64,8 @@ def agree(model: hb.Model, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [
-    "BALL", "SWITCHED", "tank_level", *(pytest.param(name, marks=pytest.mark.slow) for name in (
+    "BALL", *(pytest.param(name, marks=pytest.mark.long) for name in ("SWITCHED", "tank_level")),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in (
         "positioning_servo", "pneumatic_hammer", "vibrating_conveyor", "train_buffers"))])
 def test_a_c_program_runs_through_events_as_simulate(name: str, tmp_path: Path) -> None:
     """A stop with impacts; a relay, samples and a comparator; a pump that a level switches."""
@@ -135,7 +137,7 @@ def test_a_program_with_an_integrator_of_its_own_tests_physical_limits(tmp_path:
     assert message.value.decode().startswith("ram.V_A falls below 0 m**3 at 2.01 s: ") and b"EndStop" in message.value
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", partly([2, 3], 2))
 def test_an_fmu_ends_with_an_error_at_a_physical_limit(version: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
                                                        ) -> None:
     """In co-simulation, and in model exchange at a completed step of the integrator."""

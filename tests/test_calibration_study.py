@@ -24,6 +24,7 @@ CASE = {"machine": "a", "number": 0, "hidden": "inside", "nothing": 0, "left": 1
                  [[0, 6, 7, 11], "1000", "1000", 1, [0.3] * SIX]]}
 
 
+@pytest.mark.long
 def test_a_cluttered_case_is_the_same_each_time_and_one_effect_dominates(tmp_path: Path) -> None:
     one, two = (cluttered.drawn(MACHINES["motor"], 0, folder) for folder in (tmp_path / "a", tmp_path / "b")
                 if not folder.mkdir())
@@ -106,6 +107,7 @@ def test_exact_probabilities_have_an_error_below_its_chance_value_and_overconfid
         assert (reliability.expected_error(stated, true) < most) is right
 
 
+@pytest.mark.long
 def test_constants_are_fitted_to_the_share_of_laws_outside_and_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
                                                                         ) -> None:
     """In 60 of 100 cases the law outside is true: its stated probability, 0.2 before, comes near 0.6."""

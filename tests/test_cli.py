@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from collected import partly
 from matplotlib.image import imread
 
 import heavebond
@@ -401,6 +402,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert "Commands:" in done.stdout
 
 
+@pytest.mark.long
 def test_plain_where_nobody_looks_and_coloured_if_forced() -> None:
     assert "\x1b[" not in program("check", "slidr").stderr
     assert "\x1b[" in program("check", "slidr", env={"FORCE_COLOR": "1", "TERM": "xterm"}).stderr
@@ -415,7 +417,7 @@ def test_version_and_help() -> None:
         assert "--json" in answer.output
 
 
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("width", partly([80, 120], 2))
 def test_tables_fit_the_terminal(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     for words in (("check", "cmc_ahc"), ("run", "cmc_ahc", "--until", "1 s"), ("library",),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from collected import partly
 
 import heavebond as hb
 from benchmarks import reference_cmc_ahc as reference
@@ -54,7 +55,7 @@ def test_the_start_hangs_in_balance() -> None:
     assert solved["cmc.gas.F_0"] == pytest.approx(163e3 * 9.80665 - 30e3, rel=1e-3)
 
 
-@pytest.mark.parametrize("variant", ["irregular_sea", "irregular_sea_passive"])
+@pytest.mark.parametrize("variant", partly(["irregular_sea", "irregular_sea_passive"], 2))
 def test_irregular_sea_runs_and_is_the_same_twice(variant: str) -> None:
     model = hb.load(f"cmc_ahc/{variant}")
     once, again = (hb.simulate(model, "60 s", every="0.1 s") for _ in range(2))

@@ -480,6 +480,7 @@ def cart_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return files
 
 
+@pytest.mark.long
 def test_a_predictive_controller_without_an_active_limit_is_the_regulator(cart_runs: dict[str, Path]) -> None:
     """The same difference equations in another form: rounding, over 60 samples."""
     commands = [hb.simulate(hb.load(cart_runs[name]), rtol=1e-10).si["y"] for name in ("lqg", "wide")]
@@ -762,6 +763,7 @@ def test_a_table_of_gains_has_the_margins_at_its_points_and_between_them(tmp_pat
         assert run.exit_code == 2 and said in " ".join(run.output.split()), (arguments, run.output)
 
 
+@pytest.mark.long
 def test_the_observer_controller_of_the_compensator_has_the_figures_of_the_page() -> None:
     """The valve of 5 Hz in the table of docs/design.md, which has two digits."""
     from benchmarks.controllers import LQG, SLIDING, margins, rows, variation

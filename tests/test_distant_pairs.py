@@ -213,6 +213,7 @@ def test_a_later_step_scores_what_the_directions_of_an_earlier_one_promise(
     assert not few & earlier.keys() and all_again & earlier.keys()
 
 
+@pytest.mark.long
 def test_near_candidates_with_small_prescores_are_scored_if_nothing_explains_the_misfit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Laws in signals as well as laws between joined nodes are postponed, and refitted if no refit explains most of the

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+import pytest
 from collected import for_each
 
 from heavebond.language.definition import Component
@@ -96,6 +97,7 @@ def same_as(component: Component, dormant: str) -> list[str]:
     return found
 
 
+@pytest.mark.long
 @for_each(("name", "dormant"), DORMANT)
 def test_a_dormant_parameter_is_no_other_value_of_another_one(name: str, dormant: str) -> None:
     assert same_as(LIBRARY.component(name), dormant) == ALIKE.get((name, dormant), [])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from collected import partly
 from test_co_simulation_fmu import fmpy
 from test_export import compiled
 
@@ -220,7 +221,7 @@ def test_a_fit_to_a_record_of_picometres(tmp_path: Path) -> None:
 
 
 @compiled
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", partly([2, 3], 2))
 def test_an_fmu_of_a_picometre(version: int, tmp_path: Path) -> None:
     export_fmu(hb.loads(OSCILLATOR), path := tmp_path / "m.fmu", version=version)
     found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=60, output_interval=0.5, record_events=False)
@@ -395,7 +396,7 @@ def test_a_fit_to_a_record_near_the_ambient_temperature(tmp_path: Path) -> None:
 
 
 @compiled
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", partly([3, 2], 2))
 def test_an_fmu_near_the_ambient_temperature(version: int, tmp_path: Path) -> None:
     export_fmu(hb.loads(COOLING), path := tmp_path / "m.fmu", version=version)
     found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=500, output_interval=5, record_events=False)
@@ -442,6 +443,7 @@ simulate: {until: 1.5 s, every: 10 ms}
 """
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::heavebond.RunWarning")
 def test_a_tiny_body_behind_events_and_a_delay_is_accurate_or_reported() -> None:
     """The same machine with a billion times the mass and the forces moves alike; else the verdict names the forces."""

@@ -647,6 +647,7 @@ def test_conditions_are_evaluated_at_many_points_as_at_each_by_itself() -> None:
             np.testing.assert_array_equal(values[:, at], alone)
 
 
+@pytest.mark.long
 def test_dense_events_are_named_with_their_part_and_rate() -> None:
     """A comparator behind a burst of 60 kHz for 2 ms: an event in each half of a period."""
     text = """model: burst

@@ -81,6 +81,7 @@ def test_of_a_run_with_many_evaluations_between_two_samples_less_is_looked_at(co
     assert excerpts.excerpt(EXPERIMENT, taking(20 * excerpts.EXCERPTS.evaluations)) is EXPERIMENT
 
 
+@pytest.mark.long
 def test_what_does_not_show_at_the_beginning_is_sought_in_all() -> None:
     """The first 24 s of the vessel are told by another flow coefficient."""
     found = hb.diagnose(EXPERIMENT, classes=["choked flow"], samples=300, number=1)

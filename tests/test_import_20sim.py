@@ -555,7 +555,7 @@ def test_mutated_files_end_without_a_traceback(tmp_path: Path, text: str) -> Non
 
 
 @pytest.mark.parametrize("name", ["mass_spring_damper", "single_watertank", "three_tank", "bicycle", "line_sensor",
-                                  "line_follower_body"])
+                                  pytest.param("line_follower_body", marks=pytest.mark.long)])
 def test_public_models_pass_the_check(tmp_path: Path, name: str) -> None:
     if not MODELS.is_dir():
         pytest.skip("the public 20-sim models (../shared/data/emx) are not here")

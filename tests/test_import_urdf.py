@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from collected import for_each
+from collected import for_each, partly
 from scipy.spatial.transform import Rotation
 
 import heavebond as hb
@@ -47,7 +47,7 @@ ARMS = [BENCH_ARM.read_text(encoding="utf-8"),
         random_arm(2, ("continuous", "revolute", "revolute", "fixed", "revolute", "prismatic", "revolute", "revolute"))]
 
 
-@pytest.mark.parametrize("number", range(len(ARMS)))
+@pytest.mark.parametrize("number", partly(range(len(ARMS)), 3))
 def test_accelerations_by_the_reader_of_pinocchio(number: int, tmp_path: Path) -> None:
     """At random coordinates and speeds, with damping and friction: 1e-9 of the largest acceleration."""
     pin = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")

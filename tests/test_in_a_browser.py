@@ -49,8 +49,9 @@ def _drawn(kind: str, name: str) -> str:
 
 @pytest.mark.parametrize(("kind", "name"), [
     ("closed", "cmc_ahc"), ("open", "cmc_ahc"), ("power", "cmc_ahc"), ("bonds", "cmc_ahc"),
-    ("closed", "hydrostatic_drive"), ("open", "hydrostatic_drive"), ("power", "hydrostatic_drive"),
-    ("bonds", "hydrostatic_drive"), ("bonds", "excavator_boom")])
+    *(pytest.param(*case, marks=pytest.mark.long) for case in (
+        ("closed", "hydrostatic_drive"), ("open", "hydrostatic_drive"), ("power", "hydrostatic_drive"),
+        ("bonds", "hydrostatic_drive"), ("bonds", "excavator_boom")))])
 def test_no_writing_covers_other_writing(tab: browser.Tab, tmp_path: Path, kind: str, name: str) -> None:
     """With the browser's own fonts, not the widths that the drawing reckons with."""
     path = tmp_path / "picture.svg"

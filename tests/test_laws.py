@@ -110,6 +110,7 @@ def test_compiled_responses_of_a_filter_are_those_of_numpy() -> None:
         assert found == pytest.approx(filtering.responses(*given), rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.long
 def test_a_periodic_force_is_found_with_its_pitch_and_written_as_a_component(tmp_path: Path) -> None:
     found = find_laws("linear_motor/cogging")
     law = found.simplest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from collected import partly
 
 import heavebond as hb
 
@@ -132,7 +133,7 @@ MACHINES = {
 }
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", partly(MACHINES, 3))
 def test_a_small_step_moves_a_machine_as_its_linear_system_says(name: str):
     """y(t) after a small step over the step response of the linear system, DC gain and slowest mode."""
     text, given, size, asked, at = MACHINES[name]

@@ -8,6 +8,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from collected import partly
 from modelica_reader import Expression, Scope, read
 
 import heavebond as hb
@@ -135,7 +136,7 @@ SHORT = ["quarter_car/quarter_car", "circuits/thermostat", "circuits/tank_level"
 
 
 @pytest.mark.filterwarnings("ignore::heavebond.RunWarning")
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", partly(SHORT, 3))
 def test_equations_and_events_of_the_text_hold_along_the_run(name: str) -> None:
     course, compared = checked(hb.load(bundled("models") / f"{name}.yaml"))
     assert compared >= len([i for i in course.run.instants if i.time > course.run.time[0]]) // 2

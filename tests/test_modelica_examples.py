@@ -50,6 +50,7 @@ def test_brakes_filters_modulation_and_tanks_with_closed_solutions() -> None:
     assert tanks.si["openTank1.m"] == pytest.approx(0.5 + 0.4*np.exp(-4*tanks.time), abs=1e-7)
 
 
+@pytest.mark.long
 def test_the_page_has_a_row_for_each_example() -> None:
     """With its lines of YAML and its notes; the other figures need the files of the Modelica Association."""
     lines = PAGE.read_text(encoding="utf-8").splitlines()

@@ -49,6 +49,7 @@ def test_the_controller_is_sampled(regular: hb.Result) -> None:
     assert sum(name == "controller.computer.sample" for _, name in regular.events) == 36 / 0.02 + 1
 
 
+@pytest.mark.long
 def test_a_wave_beyond_the_stroke_ends_the_published_machine_with_the_name_of_the_end_stop() -> None:
     """The stiffness of the oil grows without bound as the chamber empties: on some processors the integrator gives up before
     the volume passes its limit. Both errors name the end stop."""

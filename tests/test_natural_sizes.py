@@ -63,6 +63,7 @@ def recorded(folder: Path) -> Path:
     return folder / "robot_records.yaml"
 
 
+@pytest.mark.long
 def test_the_compliance_of_a_small_robot_is_found(tmp_path: Path) -> None:
     """Its stiffness of 0.5 N*m/rad is far below the range of the component file, which is made for drive shafts."""
     stage = make_stage(load_experiment(recorded(tmp_path)), number=1, classes=("series compliance", "dry friction", "lag"))

@@ -228,6 +228,7 @@ def accelerations(forces: np.ndarray, limits: np.ndarray, masses: np.ndarray) ->
     raise AssertionError("no combination")
 
 
+@pytest.mark.long
 def test_bodies_at_rest_break_away_in_the_only_consistent_directions(tmp_path: Path) -> None:
     """Forces far above the limits: a contact that its load would move forwards is dragged backwards by the body below."""
     case = np.array([100.0, 3.0]), np.array([5.0, 2.0]), np.array([1.0, 1.0])

@@ -65,6 +65,7 @@ simulate: {until: 0.1 s, every: 10 ms}
 """
 
 
+@pytest.mark.long
 def test_a_four_bar_linkage_moves_like_the_planar_one() -> None:
     assembly = hb.assemble(hb.loads(FOUR_BAR))
     loop, = assembly.flat.redundancies
@@ -176,6 +177,7 @@ def test_a_loop_that_does_not_close_is_named(old: str, new: str, said: str) -> N
     assert "[loop-open]" in message and "pin_1, pin_2, pin_3, pin_4" in message and said in message
 
 
+@pytest.mark.long
 def test_the_start_follows_from_the_initial_value_of_any_joint() -> None:
     """Without guesses, with a guess that is far off, and with too many values."""
     def first(initial: str) -> dict[str, float]:

@@ -141,6 +141,7 @@ def test_runs_that_err_by_more_than_what_a_refit_leaves_are_made_finer(tmp_path:
     assert kept is not None and kept.finer == found.finer
 
 
+@pytest.mark.long
 def test_an_effect_that_only_the_fitted_samples_show_is_named_by_their_cross_validation(tmp_path: Path) -> None:
     """A gauge that reads 11 % too little, on a record whose last third hardly moves: held-out samples are noise with and
     without it."""

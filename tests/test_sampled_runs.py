@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from collected import partly
 
 import heavebond as hb
 from benchmarks import sampled
@@ -58,7 +59,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, model: hb.Model, **given: object) -> t
     return found[0], found[1]
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", partly(LOOPS, 3))
 def test_the_compiled_program_gives_the_run_that_python_gives(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                                                                ) -> None:
     (tmp_path / "loop.yaml").write_text(LOOPS[name], encoding="utf-8")

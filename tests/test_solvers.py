@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from collected import partly
 from diagrams import BALL, FLOOR
 
 import heavebond as hb
@@ -153,7 +154,7 @@ def test_every_example_runs_alike_by_auto(path: Path) -> None:
     assert [name for _, name in run.events] == [name for _, name in plain.events]
 
 
-@pytest.mark.parametrize("name", ["emps", "emps/emps_friction"])
+@pytest.mark.parametrize("name", partly(["emps/emps_friction", "emps"], 2))
 def test_auto_does_not_stall_where_idas_rejects_every_second_step(name: str) -> None:
     assembly = hb.assemble(hb.load(name))
     runs = {solver: hb.simulate(assembly, solver=solver) for solver in ("idas", "auto")}
@@ -235,7 +236,7 @@ def test_a_run_backwards_asks_for_idas() -> None:
 
 
 # -- inputs, failures --------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=[needs_compiler, pytest.mark.long])])
 def test_measured_inputs(solver: str, tmp_path: Path) -> None:
     t = np.arange(0, 5.01, 0.1)
     rows = [f"{a:.3f},{b:.9g}" for a, b in zip(t, 20 * np.sin(3 * t), strict=True)]
@@ -290,6 +291,7 @@ def test_the_compiler_is_asked_for_where_there_is_none(monkeypatch: pytest.Monke
     assert "--solver auto" in caught.value.problems[0].hint
 
 
+@pytest.mark.long
 @needs_compiler
 def test_a_compiler_that_fails_and_what_it_leaves(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)

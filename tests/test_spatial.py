@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from collected import partly
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 from scipy.spatial.transform import Rotation
@@ -40,7 +41,7 @@ def _moving_tree(seed: int) -> tuple[list[TreeBody], hb.Result]:
     return bodies, hb.simulate(hb.loads(diagram(bodies)), rtol=1e-10)
 
 
-@pytest.mark.parametrize("seed", TREES)
+@pytest.mark.parametrize("seed", partly(TREES, 5))
 def test_accelerations_of_a_random_tree_by_pinocchio(seed: int) -> None:
     """Rounding of some thousand operations: 1e-9 of the largest acceleration."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -50,7 +51,8 @@ def test_accelerations_of_a_random_tree_by_pinocchio(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("n", "seed"), [(30, 1), pytest.param(50, 3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "seed"), [pytest.param(30, 1, marks=pytest.mark.long),
+                                         pytest.param(50, 3, marks=pytest.mark.slow)])
 def test_accelerations_of_a_large_tree_by_pinocchio(n: int, seed: int) -> None:
     """Explicit, also where two unknowns have a common divisor only; rounding adds up over the bodies of a chain."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -62,7 +64,7 @@ def test_accelerations_of_a_large_tree_by_pinocchio(n: int, seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", TREES)
+@pytest.mark.parametrize("seed", partly(TREES, 5))
 def test_accelerations_of_an_aligned_chain_by_pinocchio(seed: int) -> None:
     """Where axes are parallel a divisor of the elimination that is not an inertia may vanish."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -73,7 +75,7 @@ def test_accelerations_of_an_aligned_chain_by_pinocchio(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", TREES)
+@pytest.mark.parametrize("seed", partly(TREES, 5))
 def test_accelerations_of_a_random_tree_by_mujoco(seed: int) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     bodies, run = _moving_tree(seed)
@@ -82,7 +84,7 @@ def test_accelerations_of_a_random_tree_by_mujoco(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", TREES)
+@pytest.mark.parametrize("seed", partly(TREES, 5))
 def test_the_motion_of_a_random_tree_by_pinocchio(seed: int) -> None:
     """Pinocchio's accelerations, integrated by SciPy to 1e-11; 1e-6 of the largest displacement in a second."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -377,6 +379,7 @@ def test_a_closed_loop_keeps_its_lengths_and_its_energy() -> None:
     assert run["energy"] == pytest.approx(run["energy"][0], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_loop_that_does_not_close_is_named() -> None:
     with pytest.raises(HeavebondError) as caught:
         hb.simulate(hb.loads(FOUR_BAR.replace("l_x: 1 m}", "l_x: 0.1 m}")))
@@ -417,11 +420,12 @@ def test_a_platform_on_six_cylinders() -> None:
     assert np.abs(np.asarray(run["deck.z"]) - height)[run.time > 1].max() < 0.02
 
 
-@pytest.mark.parametrize("name", ["gyroscope", "robot_arm"])
+@pytest.mark.parametrize("name", partly(["gyroscope", "robot_arm"], 2))
 def test_the_energy_of_a_bundled_machine(name: str) -> None:
     assert hb.energy(hb.load(f"spatial/{name}"), "1 s").closes()
 
 
+@pytest.mark.long
 def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
     run = hb.simulate(hb.load("spatial/vessel_crane"), "0.5 s")
     assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)
@@ -490,6 +494,7 @@ components:
             assert carried[f"{node}.{member}"] == pytest.approx(native[f"{node}.{member}"], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_planar_crane_trims_its_barge() -> None:
     """The moments of the weights about the centre of the waterplane in the axes of the barge are those of the righting
     moment and of the swell, and the sum of the weights is the buoyancy and the force of the swell."""
@@ -531,6 +536,7 @@ simulate: {until: 6 s, every: 5 ms}
     assert run["angle"][-100:] == pytest.approx(run["angle"][-1], abs=1e-7)
 
 
+@pytest.mark.long
 def test_the_kinematics_of_a_double_wishbone() -> None:
     """Angles of the upright and of the upper arm from that of the lower arm, by the equations of closure of the joints."""
     model = hb.load("spatial/wishbone")

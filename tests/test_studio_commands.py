@@ -181,6 +181,7 @@ def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Pat
     assert sorted(p.name for p in car.parent.parent.iterdir()) == ["folder"]
 
 
+@pytest.mark.long
 def test_a_design_is_written_as_a_diagram_that_extends_the_open_one(tmp_path: Path) -> None:
     servo = tmp_path / "servo.yaml"
     servo.write_text("""model: servo

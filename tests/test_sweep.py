@@ -101,6 +101,7 @@ simulate: {until: 120 s, every: 0.1 s}
 """
 
 
+@pytest.mark.long
 def test_realisations_of_a_sea_and_the_interval_of_their_mean(folder: Path) -> None:
     Path("sea.yaml").write_text(SEA, encoding="utf-8")
     study = _study("""study: sea

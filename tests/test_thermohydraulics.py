@@ -100,6 +100,7 @@ def energy(run: hb.Result, k: int) -> float:
     return float(total + (TANK + found["tank.m_s"][k])*OIL.h(0.0, found["tank.T"][k]))
 
 
+@pytest.mark.long
 def test_a_closed_circuit_beside_an_independent_model_and_its_balances() -> None:
     run = hb.simulate(hb.loads(CIRCUIT))
     chosen = np.arange(0, 901, 60)

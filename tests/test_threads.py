@@ -34,7 +34,7 @@ print("well", file=sys.stderr)
 
 
 @pytest.mark.parametrize(("model", "signal", "names", "alone"), [
-    ("passive_rig", "crown.x", [], False), ("passive_rig", "crown.x", ["gas.c"], True),
+    pytest.param("passive_rig", "crown.x", [], False, marks=pytest.mark.long), ("passive_rig", "crown.x", ["gas.c"], True),
     ("models/examples/relay.yaml", "part.y", [], False)])
 def test_one_simulator_run_from_four_threads_gives_what_one_thread_gets(
         model: str, signal: str, names: list[str], alone: bool) -> None:

@@ -78,6 +78,7 @@ def found(path: Path, *classes: str) -> hb.Diagnosis:
     return diagnose(path, classes=classes or ("varying parameter",), number=1, seconds=1e4)
 
 
+@pytest.mark.long
 def test_a_damper_that_is_weaker_in_compression_is_named_with_the_ratio_of_its_two_values(tmp_path):
     line = 'vary: {damper.d: "=1 + 0.4*smooth_sign(damper.v, 1 mm/s)"}\n'
     diagnosis = found(records(tmp_path, (line, line)))
@@ -88,6 +89,7 @@ def test_a_damper_that_is_weaker_in_compression_is_named_with_the_ratio_of_its_t
     assert any("times as large at positive damper.v as at negative damper.v" in word for word in diagnosis.words)
 
 
+@pytest.mark.long
 def test_a_parameter_varies_with_a_recorded_variable_that_no_variable_of_its_part_follows(tmp_path):
     """The damper knows only its speed, but its constant depends on the recorded position of the base."""
     line = 'vary: {damper.d: "=1 + 0.7*min(max(base.x/(34 mm), -1), 1)"}\n'
@@ -247,6 +249,7 @@ def leaking(folder: Path, onsets: tuple[str, str, str], conductance: str = "1.5e
     return path
 
 
+@pytest.mark.long
 def test_a_leakage_that_begins_at_another_time_in_each_record_is_named_with_these_times_and_written(tmp_path):
     diagnosis = found(leaking(tmp_path, ("12 s", "-5 s", "6.5 s")), "leakage")
     finding = diagnosis.findings[0]

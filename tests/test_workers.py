@@ -83,6 +83,7 @@ def test_a_candidate_that_casadi_cannot_evaluate_does_not_end_a_search(base: Bas
         assert refit is not None and [t for _, t in workers_here.follow([(refit, scores[chosen[0].label])])] == [refit]
 
 
+@pytest.mark.long
 def test_half_of_the_time_of_a_step_is_left_for_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A clock on which each score takes a second and all else nothing: of 20 s ten are for scores."""
     now = [0.0]
