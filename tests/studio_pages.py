@@ -19,8 +19,8 @@ import heavebond as hb
 class Server:
     """`heavebond studio` as a process of its own."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, *options: str):
+        self.folder, self.options = folder, options
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -28,7 +28,7 @@ class Server:
 
     def start(self) -> None:
         command = [sys.executable, "-c", "from heavebond.cli import main; main()", "studio", ".", "--no-browser", "--port",
-                   str(self.port)]
+                   str(self.port), *self.options]
         self.process = subprocess.Popen(command, cwd=self.folder, stdout=subprocess.PIPE, text=True,
                                         env={**os.environ, "PYTHONPATH": str(Path(hb.__file__).parents[1])})
         assert self.process.stdout is not None

@@ -253,6 +253,34 @@ def test_a_run_has_the_figures_of_the_command_line(tmp_path: Path) -> None:
     assert np.array_equal(series, np.vstack([result.time, result.si["damper.F"], result.display["suspension"]]))
 
 
+BALL = """\
+model: ball
+components:
+  floor: {is: Fixed}
+  ball: {is: Mass, m: 1 kg}
+  weight: {is: Weight, m: =ball.m}
+  stop: {is: RigidStop, e: 0.7}
+nodes: {floor: [floor.a, stop.a], ball: [ball.a, weight.a, stop.b]}
+initial: {ball.x: 1 m, ball.v: 0 m/s}
+show: {height: {is: ball.x, unit: m}}
+simulate: {until: 3 s, every: 5 ms}
+"""
+
+
+def test_the_events_of_a_run_are_listed_with_part_and_changed_values(tmp_path: Path) -> None:
+    """A ball falls from 1 m: its first impact is at sqrt(2 h/g) = 0.4515 s, and the speed v becomes -0.7 v."""
+    job, bench = Job(BALL, str(tmp_path / "ball.yaml"), "ball.yaml"), Bench()
+    told, _ = bench.run(job)
+    log, _ = bench.events(job, "")
+    assert log["of"] == len(log["events"]) == told["events"] == sum(log["counts"].values())
+    first = next(e for e in log["events"] if e["event"] == "impact")
+    assert first["part"] == "stop" and "gap < 0" in first["text"] and first["time"] == pytest.approx(0.45152, abs=1e-5)
+    (name, before, after, unit), = first["changes"]
+    assert (name, unit) == ("ball.v", "m/s") and after == pytest.approx(-0.7*before)
+    only, _ = bench.events(job, "stop.impact")
+    assert only["events"] == [e for e in log["events"] if e["name"] == "stop.impact"] and only["of"] == len(only["events"])
+
+
 def test_a_slider_shows_the_run_that_follows_when_it_rests(tmp_path: Path) -> None:
     bench = Bench()
     job = Job(CAR, str(tmp_path / "car.yaml"), "car.yaml", {"damper.d": "2.5 kN*s/m"})

@@ -9,19 +9,24 @@ from base64 import b64encode
 from pathlib import Path
 
 import browser
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from oscillator import write_experiment, write_record
 from studio_pages import Server, server, tab
+from test_fmu_import import FMI3, RIG, compiled, make_fmu
 from test_import_20sim import OWN
 
 import heavebond as hb
 from heavebond.cli import NAMES, main
 from heavebond.core.errors import HeavebondError, UsageError
+from heavebond.core.native_permission import fmu_code
 from heavebond.core.writable import confined
 from heavebond.language.library import bundled
-from heavebond.studio.bench import imported
+from heavebond.studio.bench import Bench, imported, view
 from heavebond.studio.command_forms import COMMANDS, EXCLUDED, arguments, forms, run_command
+from heavebond.studio.job import Job
+from heavebond.studio.palette import palette
 
 __all__ = ["server", "tab"]
 
@@ -86,6 +91,45 @@ def test_a_model_is_imported_on_the_first_page(tab: browser.Tab, server: Server)
         data.items.add(new File([{json.dumps(OWN)}], "pull.emx")); chooser.files = data.files;
         chooser.dispatchEvent(new Event("change")); return 1; }})()""")
     tab.wait("studio.document?.name.startsWith('pull/') && studio.view?.svg && studio.document.writable", 60)
+    assert tab.complaints == []
+
+
+@compiled
+def test_an_fmu_runs_in_the_studio_with_the_permission_of_its_start_only(tmp_path: Path) -> None:
+    make_fmu(tmp_path / "controller.fmu", FMI3)
+    job = Job(RIG, str(tmp_path / "rig.yaml"), "rig.yaml")
+    with pytest.raises(UsageError, match="studio --allow-fmu"):
+        Bench().run(job)
+    with fmu_code():
+        force = Bench().run(job, ["force"])[1][1]
+    assert np.array_equal(force, hb.simulate(hb.loads(RIG, tmp_path), allow_fmu=True).si["force"])
+    (own, *_), (part, *_) = palette(tmp_path)["groups"], view(job, [])["parts"]["controller"]["ports"]
+    assert [c["name"] for c in own["components"]] == ["controller.fmu"] and part["name"] == "position" and not part["value"]
+
+
+@compiled
+@pytest.mark.long
+def test_an_fmu_is_dropped_on_the_drawing_and_connected(tab: browser.Tab, server: Server, tmp_path: Path) -> None:
+    """It is stored next to the diagram and placed; its input with a start value takes a wire; its program does not run."""
+    (server.folder / "driven.yaml").write_text(re.sub(r"  (controller|gauge|force): .*\n", "", RIG, count=3).replace(
+        "{is: ForceSource}", "{is: ForceSource, u: 0 N}"), encoding="utf-8")
+    tab.go("about:blank")
+    tab.go(f"{server.address}#driven.yaml")
+    tab.wait("Boolean(window.studio?.view?.svg && studio.view.parts.where)", 60)
+    content = b64encode(make_fmu(tmp_path / "controller.fmu", FMI3).read_bytes()).decode()
+    tab.run(f"""(() => {{ const data = new DataTransfer();
+        for (const bytes of [atob({json.dumps(content)}), "no archive"])
+            data.items.add(new File([Uint8Array.from(bytes, c => c.charCodeAt(0))], "controller.fmu"));
+        document.getElementById("sheet").dispatchEvent(new DragEvent("drop", {{bubbles: true, cancelable: true,
+            dataTransfer: data}})); }})()""")
+    tab.wait("document.querySelector('#banner').innerText.includes('is not an FMU that can be read')", 60)
+    assert tab.run("studio.view.parts.controller.kind") == "controller.fmu"
+    assert sorted(p.name for p in server.folder.glob("*.fmu")) == ["controller.fmu"]
+    tab.run("void studio.edits.act({act: 'join', from: 'where.y', to: 'controller.position'})")
+    tab.wait("studio.editor.text.includes('[where.y, controller.position]')", 60)
+    tab.key("Enter", ctrl=True, code=13)
+    tab.wait("document.querySelector('#plots').innerText.includes('heavebond studio --allow-fmu')", 60)
+    tab.run("studio.document.text = studio.editor.text; studio.file.keepDraft()")
     assert tab.complaints == []
 
 

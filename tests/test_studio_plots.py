@@ -9,6 +9,7 @@ import browser
 import numpy as np
 import pytest
 from studio_pages import Server, server, tab
+from test_studio import BALL
 from test_studio_editing import _true
 from test_studio_page import _open
 
@@ -253,6 +254,20 @@ def test_two_cursors_measure_between_them(tab: browser.Tab, server: Server) -> N
     tab.click("#measure")
     assert tab.run("document.querySelector('#cursor-table')") is None
     assert tab.complaints == []
+
+
+def test_events_are_listed_and_lead_to_their_instant_and_part(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "ball.yaml", BALL)
+    _run(tab)
+    tab.click("#show-events")
+    tab.wait("document.querySelectorAll('#events tbody tr').length === studio.runs.live.told.events", 60)
+    tab.run("document.querySelectorAll('#events tbody button')[1].click(), 1")
+    assert tab.run("studio.animation.time") == pytest.approx(0.45152, abs=1e-5)
+    tab.wait("studio.picked?.path === 'stop'")
+    assert "ball.v -4.4294 → 3.1006 m/s" in tab.run("document.querySelector('#events').innerText")
+    _shot(tab, "events")
+    tab.click("#show-events")
+    assert tab.run("document.querySelector('#events').hidden") and tab.complaints == []
 
 
 def test_charts_stand_beside_each_other_are_split_and_moved(tab: browser.Tab, server: Server) -> None:

@@ -24,9 +24,11 @@ NEEDED = ("starlette", "uvicorn", "websockets")
 @click.option("--port", metavar="NUMBER", type=Whole(1024, 65535), help="Port of the page; by default the first free one "
               "from 8437 on.")
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, and do not open a browser.")
+@click.option("--allow-fmu", is_flag=True,
+              help="Run the programs in the FMUs of the diagrams. Do so only with FMUs you trust.")
 @native_option
 @json_option
-def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]:
+def studio(target: str, port: int | None, no_browser: bool, allow_fmu: bool) -> dict[str, object]:
     """Open a page on which the diagrams of FOLDER (by default the current folder) are drawn, changed and run.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). The page is served to this computer
@@ -37,6 +39,7 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
     if absent:
         raise UsageError([Problem("studio-missing", f"the studio needs packages that are not installed: {', '.join(absent)}",
                                   None, "pip install 'heavebond[studio]'")])
+    from heavebond.core.native_permission import fmu_code
     from heavebond.studio.server import Studio, bind, serve
 
     folder, first = _opened(target)
@@ -56,7 +59,7 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
 
     try:
         # readable by this user only
-        with tempfile.TemporaryDirectory(prefix="heavebond-", ignore_cleanup_errors=True) as private:
+        with tempfile.TemporaryDirectory(prefix="heavebond-", ignore_cleanup_errors=True) as private, fmu_code(allow_fmu):
             serve(opened, listener, ready)
     except KeyboardInterrupt:  # Ctrl-C is the normal end
         from heavebond.core.cancellation import clear_signal

@@ -1,4 +1,5 @@
-"""The permission to compile and run the programs of external functions, for files that are read in a context."""
+"""The permissions to run programs that files contain: those of external functions, for diagrams that are read in a context,
+and those of FMUs, for simulations in a context."""
 
 from __future__ import annotations
 
@@ -6,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_allowed: ContextVar[bool] = ContextVar("native code allowed", default=False)
+_native: ContextVar[bool] = ContextVar("native code allowed", default=False)
+_fmus: ContextVar[bool] = ContextVar("FMUs allowed", default=False)
 
 
 @contextmanager
@@ -16,13 +18,32 @@ def native_code(allowed: bool = True) -> Iterator[None]:
     The permission belongs to the diagrams that are loaded in it, also in later calls with them; with `allowed` False, only
     that of an outer context does. Without it, a diagram with external functions raises ModelError.
     """
-    token = _allowed.set(allowed or _allowed.get())
+    with _granted(_native, allowed):
+        yield
+
+
+@contextmanager
+def fmu_code(allowed: bool = True) -> Iterator[None]:
+    """Context in which simulations run the programs in FMUs, as with `simulate(model, allow_fmu=True)`; with `allowed` False,
+    only if an outer context permits it."""
+    with _granted(_fmus, allowed):
+        yield
+
+
+@contextmanager
+def _granted(permission: ContextVar[bool], allowed: bool) -> Iterator[None]:
+    token = permission.set(allowed or permission.get())
     try:
         yield
     finally:
-        _allowed.reset(token)
+        permission.reset(token)
 
 
 def native_allowed() -> bool:
     """True in a context of `native_code`."""
-    return _allowed.get()
+    return _native.get()
+
+
+def fmu_allowed() -> bool:
+    """True in a context of `fmu_code`."""
+    return _fmus.get()

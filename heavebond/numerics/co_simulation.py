@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, UsageError, listing
+from heavebond.core.native_permission import fmu_allowed
 from heavebond.core.presentation import count
 from heavebond.equations.flatten import Flat
 from heavebond.language.definition import Foreign, ForeignVariable
@@ -41,17 +42,17 @@ def foreign_parts(flat: Flat) -> dict[str, Foreign]:
 
 
 def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> None:
-    """Raise UsageError for a diagram with FMUs if their code must not be executed, or if derivatives through them are
-    needed."""
+    """Raise UsageError for a diagram with FMUs if their code must not be executed (neither `allowed` nor a context of
+    `fmu_code`), or if derivatives through them are needed."""
     parts = foreign_parts(flat)
     if not parts:
         return
     files = listing(dict.fromkeys(f"{foreign.path.name}" for foreign in parts.values()))
-    if not allowed:
+    if not (allowed or fmu_allowed()):
         raise UsageError([Problem(
             "fmu-not-allowed", f"this diagram runs the program in {files}, which can do whatever a program can", None,
-            "If you trust it: `heavebond run MODEL --allow-fmu`, or `simulate(model, allow_fmu=True)`. Other commands do "
-            "not run FMUs.")])
+            "If you trust it: `heavebond run MODEL --allow-fmu`, `heavebond studio --allow-fmu`, or `simulate(model, "
+            "allow_fmu=True)`. Other commands do not run FMUs.")])
     if sensitivities:
         raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not "
                                   "provide the derivatives of its outputs", None, "Run it without sensitivities.")])

@@ -54,6 +54,7 @@ from heavebond.studio.contents import (
 )
 from heavebond.studio.difference import differences
 from heavebond.studio.edit_actions import edited
+from heavebond.studio.event_log import event_log
 from heavebond.studio.evidence import (
     Evidence,
     assembled,
@@ -344,6 +345,10 @@ class Bench:
         density = spectrum(evenly(name, result.unit(name), result.time, result.signals([name])[name]))
         return {"signals": [name]}, np.vstack([density.frequency[1:], density.density[1:]])
 
+    def events(self, job: Job, name: str) -> tuple[Entry, None]:
+        """The events of a run, or those with a name."""
+        return event_log(self._result(job), name), None
+
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Further signals of a run; a run that is not stored any more is repeated."""
         return _with_series({}, self._result(job), names)
@@ -368,7 +373,7 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     bench, evidence, thumbnails = Bench(), Evidence(), Thumbnails()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
             "preview": bench.preview, "signals": bench.signals, "spectrum": bench.spectrum, "animation": bench.animation,
-            "modes": bench.modes, "film": bench.film,
+            "modes": bench.modes, "film": bench.film, "events": bench.events,
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),

@@ -52,7 +52,8 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         parameter = leaf.component.parameters[name] if leaf is not None else None
         parameters_by_owner.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
     # signal inputs with a given value
-    parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
+    parts = {path: {"kind": foreign.path.name if (foreign := leaf.component.foreign) else leaf.component.name,
+                    "summary": leaf.component.summary, "block": leaf.component.composite,
                     "path": str(leaf.component.path), "line": leaf.place.line if leaf.place.file == text_name else None,
                     "parameters": [*parameters_by_owner.get(path, ()),
                                    *[_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name],
@@ -95,7 +96,8 @@ def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str
             entries.setdefault(item.part.path, []).append({
                 "name": port, "path": path, "domain": domain, "direction": signal.direction if signal else "",
                 "doc": signal.doc if signal else leaf.component.ports[base].doc, "node": on.get(path, ""),
-                "value": base in leaf.inputs, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
+                "value": base in leaf.inputs and f"{item.part.path}.{base}" not in expanded.defaults,
+                "default": f"{item.part.path}.{base}" in expanded.defaults, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
     return entries
 
 

@@ -34,6 +34,7 @@ from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
 
 BUNDLED = model.BUNDLED
 LOCKED = 5.0  # s that a save waits while another studio saves in the same folder
+YAML = (".yaml", ".yml")
 MARKER = ".heavebond.lock"  # the lock file in a folder, if the system has no locks
 STALE = 60.0  # s, far longer than a save takes: the age of a lock file whose process has ended
 _saving = threading.Lock()
@@ -97,7 +98,7 @@ class Folder:
                 raise UsageError([Problem("file-missing", f"there is no bundled diagram '{name.removeprefix(BUNDLED)}'")])
             return Path(machines[name])
         path = self.inside(name, "YAML file")
-        if path.suffix not in (".yaml", ".yml"):
+        if path.suffix not in YAML:
             raise _outside(name, "YAML file")
         return path
 
@@ -158,9 +159,9 @@ class Folder:
                     os.close(lock)
 
     def document(self, path: Path) -> str:
-        """The document name of a file in the folder; empty for others."""
+        """The document name of a YAML file in the folder; empty for others."""
         path = path.resolve()
-        return path.relative_to(self.root.resolve()).as_posix() if self._is_visible(path) else ""
+        return path.relative_to(self.root.resolve()).as_posix() if self._is_visible(path) and path.suffix in YAML else ""
 
     def _is_visible(self, path: Path) -> bool:
         """True if a resolved path lies in the folder, and in no hidden part of it."""
@@ -270,7 +271,7 @@ class Folder:
             folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
             for name in sorted(files):
                 relative = (current_folder / name).relative_to(root).as_posix()
-                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (head := self._head(relative)):
+                if name.endswith(YAML) and not name.startswith(".") and (head := self._head(relative)):
                     entries.append({"name": relative, **head})
                 if len(entries) >= LISTED:
                     return entries

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.cancellation import check, clear_signal, is_interrupt, listening
-from heavebond.core.native_permission import native_code
+from heavebond.core.native_permission import fmu_code, native_code
 from heavebond.core.writable import confined
 from heavebond.studio.workers import reasons
 
@@ -106,9 +106,9 @@ def serve(pipe: Connection, kind: str, path: str, options: Mapping[str, Any]) ->
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
     options = dict(options)
-    allowed = bool(options.pop("allow_native", False))
+    native, fmus = bool(options.pop("allow_native", False)), bool(options.pop("allow_fmu", False))
     # the opened folder; without one, the folder for results
     root = Path(str(options.get("root") or options.get("folder") or Path(path).parent))
-    with listening(), confined(root), native_code(allowed):
+    with listening(), confined(root), native_code(native), fmu_code(fmus):
         JobProcess(pipe).serve(kind, path, options)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
-from heavebond.core.native_permission import native_allowed
+from heavebond.core.native_permission import fmu_allowed, native_allowed
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 from heavebond.studio.workers import process_context
@@ -49,7 +49,8 @@ class LongJob:
         self._loop = asyncio.get_running_loop()
         context = process_context()
         self._pipe, theirs = context.Pipe()
-        options = {**settings, "allow_native": native_allowed()}  # the permission of the server, not of the page
+        # the permissions of the server, not of the page
+        options = {**settings, "allow_native": native_allowed(), "allow_fmu": fmu_allowed()}
         self._process = context.Process(target=serve, args=(theirs, kind, str(path), options))
         self._process.start()
         theirs.close()

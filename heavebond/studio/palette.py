@@ -17,17 +17,18 @@ OWN = "this folder"
 
 def palette(folder: Path) -> Entry:
     """Name, summary, symbol and ports of each component, by the folders of the library; those in the folder of the
-    diagram first.
+    diagram first, with its FMUs.
     """
     known = library([folder])
     root = bundled("components").resolve()
     groups: dict[str, list[Entry]] = {}
-    for name in known.names():
+    for name in [*known.names(), *(name for name, path in known.files.items() if path.suffix == ".fmu")]:
         path = known.files[name].resolve()
         inside = path.is_relative_to(root)
         group = path.relative_to(root).parts[0].replace("_", " ") if inside else OWN
         try:
-            entry = _of_library(name) if inside else _brief(known.component(name))
+            # an FMU is used by the name of its file
+            entry = _of_library(name) if inside else {**_brief(known.component(name)), "name": name}
         except HeavebondError:
             continue  # a file that is being written; `check` reports it if it is used
         groups.setdefault(group, []).append(entry)
@@ -64,7 +65,7 @@ def component_entry(folder: Path, name: str) -> Entry:
             "no effect" if p.neutral is not None else ""
         parameters.append({"name": p.name, "unit": _unit(p), "doc": p.doc, "default": default,
                            "limits": [None if v is None else p.unit.from_si(v) for v in (p.low, p.high)]})
-    return {**_brief(component), "restrictions": component.restrictions, "source": component.source, "port_list": ports,
+    return {**_brief(component), "name": name, "restrictions": component.restrictions, "source": component.source, "port_list": ports,
             "parameter_list": parameters,
             "equations": [f"{line.text.strip()}  # {line.label}" if line.label else line.text.strip()
                           for line in component.equations]}

@@ -1,5 +1,5 @@
-"""Records that are dropped on the page, stored in the folder of the diagram: under a plain name, completely or not at
-all, and never over another file."""
+"""Records and FMUs that are dropped on the page, stored in the folder of the diagram: under a plain name, completely or not
+at all, and never over another file."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import AsyncIterator
 from pathlib import Path
+from zipfile import is_zipfile
 
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.writable import confined, make_folder, new_file
@@ -15,16 +16,17 @@ from heavebond.records.measurements import SUFFIXES
 from heavebond.studio.folder import BUNDLED, Folder
 
 RECORD_BYTES = 500_000_000  # bytes of one file
-PLACE = "data"  # the folder for records in the folder of a diagram
+PLACE = "data"  # the folder for records in the folder of a diagram; FMUs, which are components, are next to the diagram
+FMU = ".fmu"
 LONGEST = 80  # characters of a name without its suffix
 
 
 def plain_name(name: str) -> str:
     """The name under which a file is stored: its last part, of letters, digits, `_`, `-` and single dots. UsageError for
-    a kind of file that is not a record."""
+    a kind of file that is neither a record nor an FMU."""
     last = re.split(r"[/\\]", name)[-1]
     suffix = Path(last).suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in (*SUFFIXES, FMU):
         raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a supported format of records", None,
                                   f"Export it as CSV. Supported are {listing(SUFFIXES, 12)}.")])
     stem = re.sub(r"[^\w-]+", "_", last[:-len(suffix)]).strip("_-")[:LONGEST]
@@ -37,7 +39,8 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
     base = folder.root if not beside or beside.startswith(BUNDLED) else folder.path(beside).parent
     if not base.is_dir():
         raise UsageError([Problem("file-missing", f"cannot find the folder '{base}'")])
-    target = base.resolve() / PLACE / plain_name(name)
+    stored_name = plain_name(name)
+    target = base.resolve() / ("" if stored_name.endswith(FMU) else PLACE) / stored_name
     folder.record(target.relative_to(folder.root.resolve()).as_posix(), exists=False)
     for k in range(1, 1000):
         path = target if k == 1 else target.with_stem(f"{target.stem}_{k}")
@@ -56,6 +59,9 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
                                                   f"{RECORD_BYTES // 10**6} MB", None, "Cut it, or thin it out.")])
                     digest.update(part)
                     file.write(part)
+            if path.suffix == FMU and not is_zipfile(fresh):
+                raise UsageError([Problem("fmu-unusable", f"{target.name} is not an FMU that can be read", None,
+                                          "Export it again; it is a ZIP file with a modelDescription.xml.")])
             candidates = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
             same = next((p for p in candidates[:candidates.index(path)] if _digest(folder, p) == digest.digest()), None)
             if same is not None:

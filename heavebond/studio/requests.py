@@ -9,6 +9,7 @@ from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
+from heavebond.core.native_permission import fmu_allowed
 from heavebond.core.writable import confined
 from heavebond.language.edits import with_values
 from heavebond.studio.diagram_edits import with_records
@@ -31,7 +32,7 @@ async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
     folder_exists = await asyncio.to_thread(tab.folder.root.is_dir)
     return "done", {"folder": str(tab.folder.root), "there": folder_exists, "diagrams": diagrams, "machines": machines,
                     "templates": [{"name": name, "title": title} for name, (title, _) in TEMPLATES.items()],
-                    "first": tab.first}, None
+                    "first": tab.first, "fmus": fmu_allowed()}, None
 
 
 async def _list(tab: Tab, _: dict[str, Any]) -> Answer:
@@ -220,6 +221,7 @@ ASKED: dict[str, Handler] = {
     "component": lambda tab, message: tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"])),
     "picture": lambda tab, message: tab.librarian.ask("picture", tab.job(message)),
     "classes": lambda tab, message: tab.librarian.ask("classes", tab.job(message)),
+    "events": lambda tab, message: tab.runner.ask("events", tab.job(message), str(message.get("event", ""))),
     "compare": lambda tab, message: tab.runner.ask_newest("compare", tab.job(message)),
     "channel": lambda tab, message: tab.runner.ask("channel", tab.job(message), str(message["record"]),
                                                    str(message["channel"])),

@@ -86,7 +86,7 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
     for port in (one, two):
         part, _, name = port.partition(".")
         leaf = diagram.expanded.leaves.get(part)
-        if leaf is not None and name in leaf.inputs:
+        if leaf is not None and name in leaf.inputs and port not in diagram.expanded.defaults:
             value = leaf.inputs[name].value
             value_text = getattr(value, "text", "") or getattr(value, "file", "")
             return f"'{port}' has a value in place, `{name}: {value_text}`; remove that first"

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from heavebond.core.errors import HeavebondError, Problem
-from heavebond.core.native_permission import native_allowed, native_code
+from heavebond.core.native_permission import fmu_allowed, fmu_code, native_allowed, native_code
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, ForkServerProcess, SpawnContext, SpawnProcess
@@ -23,7 +23,8 @@ MOST = 9
 Answer = tuple[str, Any, Any]  # kind, content, array
 SUPERSEDED: Answer = ("superseded", {}, None)
 ENDED = Problem("worker-ended", "the computation ended before it was done", None,
-                "If nobody stopped it, this machine's memory did not suffice.")
+                "If nobody stopped it, the memory of this machine did not suffice, or a program of the diagram (an FMU or an "
+                "external function) crashed.")
 
 
 LOST: Answer = ("problems", [ENDED], None)
@@ -181,7 +182,7 @@ class Worker:
     def _start(self) -> None:
         context = process_context()
         pipe, theirs = context.Pipe()
-        process = context.Process(target=work, args=(theirs, native_allowed()), daemon=True)
+        process = context.Process(target=work, args=(theirs, native_allowed(), fmu_allowed()), daemon=True)
         process.start()  # the first one waits for the imports
         theirs.close()
         self._pipe, self._process = pipe, process
@@ -211,10 +212,11 @@ class Worker:
         self._killed = False
 
 
-def work(pipe: Connection, allow_native: bool = False) -> None:
-    """The worker's loop, until the server ends; diagrams may run the programs of external functions with `allow_native`."""
+def work(pipe: Connection, allow_native: bool = False, allow_fmu: bool = False) -> None:
+    """The worker's loop, until the server ends; diagrams may run the programs of external functions with `allow_native`, and
+    those of FMUs with `allow_fmu`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
-    with native_code(allow_native):
+    with native_code(allow_native), fmu_code(allow_fmu):
         from heavebond.studio.bench import tasks
 
         known = tasks()

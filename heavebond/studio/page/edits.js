@@ -195,7 +195,7 @@ export class Edits {
       el("b", {}, port.name), el("span", { class: "doc" }, ` ${port.domain || "any domain"}${port.direction ? ` ${port.direction}put` : ""}${port.doc ? `, ${port.doc}` : ""} `),
       port.node ? el("span", {}, el("button", { class: "plain", onclick: () => this.studio.pick("node", port.node) }, port.node),
         this.possible && el("button", { class: "plain quiet", title: `Take ${port.path} off the node`, "aria-label": `take ${port.path} off node ${port.node}`, onclick: () => this.act({ act: "leave", port: port.path }) }, "×"))
-        : port.value ? el("span", { class: "doc" }, "has a value") : el("button", { class: "plain open", disabled: !this.possible, onclick: () => this.studio.wiring.begin(port.path) }, "not connected"))))];
+        : port.value ? el("span", { class: "doc" }, "has a value") : el("button", { class: port.default ? "plain" : "plain open", disabled: !this.possible, onclick: () => this.studio.wiring.begin(port.path) }, port.default ? "keeps its start value" : "not connected"))))];
   }
 
   /** Keys that act on what is selected; whether this was one of them. @param {KeyboardEvent} event */

@@ -2,6 +2,8 @@
 
 import { askName, byId, el } from "./dom.js";
 
+export const FMU = /\.fmu$/i;
+
 /** @param {any} studio @param {any} told */
 export function showHome(studio, told) {
   const open = (/** @type {string} */ name, /** @type {string} */ text) => el("button", { class: "plain", "data-open": name, onclick: () => studio.open(name) }, text);
@@ -14,7 +16,7 @@ export function showHome(studio, told) {
       return () => studio.open(made.name);
     }, "Make", templates);
   };
-  const chooser = /** @type {HTMLInputElement} */ (el("input", { id: "import-file", type: "file", accept: ".emx,.urdf", hidden: true, onchange: () => { const [file] = chooser.files ?? []; if (file) void importModel(studio, file); chooser.value = ""; } }));
+  const chooser = /** @type {HTMLInputElement} */ (el("input", { id: "import-file", type: "file", accept: ".emx,.urdf,.fmu", hidden: true, onchange: () => { const [file] = chooser.files ?? []; if (file) void importModel(studio, file); chooser.value = ""; } }));
   const drawings = new Drawings(studio);
   const cards = (/** @type {any[]} */ found) => el("ul", { class: "cards" }, ...found.map((d) => {
     const cut = d.name.lastIndexOf("/") + 1;
@@ -29,7 +31,7 @@ export function showHome(studio, told) {
   for (const m of told.machines) machines.set(m.machine, [...(machines.get(m.machine) ?? []), m]);
   byId("home").replaceChildren(
     el("h2", {}, "Diagrams in ", el("code", { title: told.folder }, told.folder.split("/").at(-1) || told.folder)), el("div", { class: "start" }, el("button", { class: "main", id: "new", onclick: () => fresh(false) }, "New diagram"),
-      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("button", { id: "import", title: "Translate a 20-sim model (.emx) or a robot (.urdf) into a folder with a diagram and components", onclick: () => chooser.click() }, "Import…"), chooser,
+      el("button", { id: "new-empty", onclick: () => fresh(true) }, "Empty diagram"), el("button", { id: "import", title: "Translate a 20-sim model (.emx) or a robot (.urdf) into a folder with a diagram and components, or begin a diagram with an FMU (.fmu)", onclick: () => chooser.click() }, "Import…"), chooser,
       el("button", { id: "begin-tour", title: "The studio in three minutes, on the heave compensator", onclick: () => void studio.tour.begin() }, "Tour"), el("input", { id: "filter", type: "search", placeholder: "Find a diagram", "aria-label": "Find a diagram by name or summary", autocomplete: "off", oninput: (/** @type {any} */ event) => filter(event.target.value) })), own,
     ...(experiments.length ? [el("h2", {}, "Experiments"), el("p", {}, "Diagrams with measured records."), cards(experiments)] : []),
     ...(studies.length ? [el("h2", {}, "Studies"), el("p", {}, "Many runs of a diagram: parameters varied, measured and tuned."), cards(studies)] : []),
@@ -38,8 +40,16 @@ export function showHome(studio, told) {
     el("ul", { class: "cards" }, ...[...machines].map(([name, all]) => machine(open, name, all, drawings))));
 }
 
-/** A model of another program into the folder; what was not translated is listed. @param {any} studio @param {File} file */
-async function importModel(studio, file) {
+/** A model of another program into the folder; what was not translated is listed. An FMU becomes the first part of a new diagram. @param {any} studio @param {File} file */
+export async function importModel(studio, file) {
+  if (FMU.test(file.name)) {
+    const name = file.name.replace(FMU, "").replace(/\W+/g, "_").replace(/^[\d_]+/, "");
+    askName(`A diagram with ${file.name}`, "Name (letters, digits and _):", name || "machine", async (/** @type {string} */ wanted) => {
+      const made = await studio.link.ask("new", { name: wanted, empty: true });
+      return async () => { await studio.open(made.name); await studio.palette.addFmus([file]); };
+    });
+    return;
+  }
   try {
     studio.banner([`Importing ${file.name}…`]);
     const made = await studio.link.ask("import", { name: file.name, content: await base64(file) });

@@ -37,6 +37,7 @@ class Studio {
     /** @type {string[]} */ this.chosen = []; // the parts that are moved, copied and deleted together, the picked one among them
     /** @type {string[]} */ this.trail = []; // the diagrams from which one came to the block that is edited
     this.folder = "";
+    this.runsFmus = false;
     this.file = new DiagramFile(this);
     this.editor = new Editor(byId("editor"), nonce, () => this.file.changed(), (line) => this.atLine(line), (context) => this.completion.propose(context));
     this.completion = new Completion(this);
@@ -64,6 +65,7 @@ class Studio {
     await this.link.ready;
     const told = await this.link.ask("home");
     this.folder = told.folder;
+    this.runsFmus = Boolean(told.fmus); // whether the studio was started with the permission to run FMUs
     const wanted = decodeURIComponent(location.hash.slice(1)) || told.first;
     if (wanted) await this.open(wanted).catch((error) => this.home(error));
     else await this.home();

@@ -1,9 +1,11 @@
 // The library: components by domain, searched, read about and placed.
 
 import { byId, el, number } from "./dom.js";
-import { freePlace } from "./grid.js";
+import { GRID, freePlace } from "./grid.js";
 import { symbolOf } from "./handling.js";
+import { problemList } from "./results.js";
 
+const STEPS = 12; // of the grid between FMUs that are dropped together
 const BOTH = 1900; // px of the page from which on the library stands beside the text
 /** Other words for what the library has. @type {Record<string, string>} */
 const MEANT = { wall: "fixed", ground: "fixed", frame: "fixed", anchor: "fixed", support: "fixed", dashpot: "damper", weight: "mass", load: "mass", gravity: "weight",
@@ -80,7 +82,10 @@ export class Palette {
       } });
     this.content = el("div", { class: "list" });
     this.about = el("div", { class: "about", hidden: true, tabindex: "-1" });
-    this.place.replaceChildren(search, this.content, this.about);
+    const chooser = /** @type {HTMLInputElement} */ (el("input", { id: "fmu-files", type: "file", accept: ".fmu", multiple: true, hidden: true,
+      onchange: () => { void this.addFmus([...(chooser.files ?? [])]); chooser.value = ""; } }));
+    const add = el("button", { id: "add-fmu", disabled: !this.studio.edits.possible, title: "Store an FMU (FMI 2.0 or 3.0) in the folder of the diagram and place it as a part; or drop the file on the drawing", onclick: () => chooser.click() }, "Add an FMU…");
+    this.place.replaceChildren(search, this.content, this.about, el("div", { class: "more" }, add, chooser));
     this.list();
   }
 
@@ -125,10 +130,35 @@ export class Palette {
     keys[event.key]();
   }
 
-  /** Place a component by the keyboard. @param {string} kind */
-  put(kind) {
-    const { edits, view } = this.studio, place = freePlace(this.studio.diagram.svg ? view?.places : {}, edits.selected?.kind === "part" ? edits.selected.path : undefined);
-    void edits.act({ act: "place", kind, ...place }).then((/** @type {boolean} */ done) => { if (done) this.studio.panel.ask(); });
+  /** Place a component: by the keyboard at a free place. @param {string} kind @param {{x: number, y: number}} [at] in steps @returns {Promise<boolean>} whether it was placed */
+  async put(kind, at) {
+    const { edits, view } = this.studio, place = at ?? freePlace(this.studio.diagram.svg ? view?.places : {}, edits.selected?.kind === "part" ? edits.selected.path : undefined);
+    const done = await edits.act({ act: "place", kind, ...place });
+    if (done) this.studio.panel.ask();
+    return done;
+  }
+
+  /** Store FMUs next to the diagram and place them as parts. @param {File[]} files @param {MouseEvent} [event] the drop, if it was on the drawing */
+  async addFmus(files, event) {
+    const { studio } = this, { edits, diagram } = studio, name = studio.document?.name;
+    if (!edits.possible) { edits.refuse("This diagram is read only. Copy or extend it to add an FMU."); return; }
+    const on = event && diagram.svg && byId("sheet").contains(/** @type {Node} */ (event.target)) ? diagram.point(event) : null;
+    let at = on ? { x: Math.round(on.x / GRID), y: Math.round(on.y / GRID) } : undefined;
+    for (const file of files) {
+      try {
+        studio.say(`storing ${file.name}`);
+        const stored = await studio.records.store(name, file);
+        if (studio.document?.name !== name) return;
+        studio.say("");
+        this.loaded = ""; // it is in the library of the folder now
+        if (await this.put(stored.split("/").at(-1) ?? "", at) && !studio.runsFmus) studio.banner([`${file.name} is a program. It runs if you trust it and start the studio with --allow-fmu; drawing and checking only read its description.`]);
+        at &&= { x: at.x, y: at.y + STEPS };
+      } catch (error) {
+        studio.say("");
+        studio.banner(problemList(/** @type {any} */ (error).problems ?? [{ message: /** @type {any} */ (error).message, notes: [] }]));
+      }
+    }
+    if (this.shown) void this.load();
   }
 
   /** What the page of a component says. @param {string} kind */

@@ -34,6 +34,7 @@ export class Plots {
     /** @type {((run: any, name: string) => void)|undefined} */ this.onspectrum = undefined;
     /** @type {((time: number) => void)|undefined} */ this.onpoint = undefined;
     /** @type {(() => void)|undefined} */ this.onchoice = undefined;
+    /** Draws marks on a chart over time. @type {((chart: any) => void)|undefined} */ this.onmarks = undefined;
     /** A signal was dragged from the panel onto a chart; its key is empty beside the charts. @type {((name: string, base: string) => void)|undefined} */ this.ondrop = undefined;
     this.receive();
   }
@@ -297,7 +298,7 @@ export class Plots {
       width: this.width, height: this.height(group), cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
       scales: { x: { time: false }, y: { ...(this.choices[group.base]?.log && group.positive ? { distr: 3, log: 10 } : { range: roomy }), ...(limits ? { range: limits.map((v) => v / group.scale) } : {}) } },
       legend: { markers: { width: 2, dash: (/** @type {any} */ chart, /** @type {number} */ k) => chart.series[k].dash?.length ? "dashed" : "solid" } },
-      hooks: { draw: [(/** @type {any} */ chart) => this.cursors.draw(chart)], setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)],
+      hooks: { draw: [(/** @type {any} */ chart) => { this.cursors.draw(chart); this.onmarks?.(chart); }], setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)],
         setCursor: [(/** @type {any} */ chart) => { const { left } = chart.cursor; if (!this.pointing && left >= 0) this.onpoint?.(chart.posToVal(left, "x")); }] },
       axes: [{ ...axis, size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => `${number(t)} s`) },
         { ...axis, size: 66, label: group.unit === "1" ? "" : unitLabel(group.unit), labelSize: 18, values: (/** @type {any} */ _, /** @type {(number|null)[]} */ ticks) => ticks.map((t) => t === null ? "" : number(t)) }],

@@ -3,6 +3,7 @@
 import { sketch } from "./charts.js";
 import { busy, byId, el, number } from "./dom.js";
 import { problemList } from "./results.js";
+import { FMU, importModel } from "./home.js";
 import { variable } from "./tuning.js";
 
 const ROLES = [["", "not used"], ["time", "time"], ["input", "input"], ["output", "output"]];
@@ -26,13 +27,15 @@ export class RecordFiles {
       document.body.classList.remove("dropping");
       if (!files(event)) return;
       event.preventDefault();
-      void this.take([...(event.dataTransfer?.files ?? [])]);
+      void this.take([...(event.dataTransfer?.files ?? [])], event);
     });
   }
 
-  /** @param {File[]} files */
-  async take(files) {
-    const { studio } = this, document_ = studio.document;
+  /** @param {File[]} all @param {DragEvent} [event] of files that were dropped */
+  async take(all, event) {
+    const { studio } = this, document_ = studio.document, fmus = all.filter((file) => FMU.test(file.name)), files = all.filter((file) => !FMU.test(file.name));
+    if (fmus.length && document_) await studio.palette.addFmus(fmus, event);
+    else for (const file of fmus) importModel(studio, file);
     if (!files.length) return;
     if (!document_ || !studio.view?.parts) {
       studio.banner(["Open the diagram that was measured first, then drop its records there."]);

@@ -1,6 +1,7 @@
 // Runs: the values of the sliders, the newest run, those that are kept, and the signals that are plotted.
 
 import { askName, byId, el, unitLabel } from "./dom.js";
+import { EventLog } from "./events.js";
 import { DASHES, Plots } from "./plots.js";
 import { problemList, problemsOf } from "./results.js";
 
@@ -20,6 +21,8 @@ export class Runs {
   constructor(studio) {
     this.studio = studio;
     this.plots = new Plots();
+    this.log = new EventLog(studio);
+    this.plots.onmarks = (chart) => this.log.draw(chart);
     this.plots.onchoice = () => this.remember();
     this.plots.ondrop = (name, base) => this.dropped(name, base);
     this.plots.onspectrum = (run, name) => void this.spectrum(run, name);
@@ -31,6 +34,7 @@ export class Runs {
   clear() {
     Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false, resume: false });
     this.serial = 0;
+    this.log.clear();
     this.invite();
     this.showRuns();
   }
@@ -356,6 +360,7 @@ export class Runs {
     const waiting = this.stored.length && !this.restoring ? [el("button", { id: "restore", title: this.stored.map((run) => run.label).join(", "), onclick: () => void this.restore() }, `Compute ${this.stored.length} kept ${this.stored.length > 1 ? "runs" : "run"}`)] : [];
     byId("runs").replaceChildren(...waiting, ...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
       el("span", { class: "grow" }), el("button", { id: "formula", disabled: !this.live, title: "Plot a formula of signals", onclick: () => this.derive() }, "Formula…"),
+      ...this.log.button(),
       el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, with the values of the signals at them and between them", onclick: () => { this.plots.measure(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
       el("select", { id: "columns", "aria-label": "charts beside each other", onchange: (/** @type {any} */ e) => { this.plots.columns = Number(e.target.value); this.remember(); this.showPlots(); } }, ...[1, 2, 3].map((n) => el("option", { value: n, selected: n === this.plots.columns }, n === 1 ? "1 column" : `${n} columns`))),
       el("button", { id: "charts-only", "aria-pressed": String(byId("middle").classList.contains("charts-only")), title: "Charts without the drawing, and back", onclick: () => { const on = byId("middle").classList.toggle("charts-only"); byId("charts-only").setAttribute("aria-pressed", String(on)); } }, "Charts only"),
@@ -370,7 +375,8 @@ export class Runs {
     this.studio.animation?.follow();
     if (!runs.length) return;
     if (!this.plotted.length) { this.plots.empty("No signal is chosen. Tick signals in the panel on the right."); return; }
-    this.plots.show(runs, this.plotted, this.above(), this.below());
+    this.plots.show(runs, this.plotted, this.above(), [...this.below(), this.log.place]);
+    void this.log.follow();
   }
 
   /** What is wrong with the newest run, above its charts, so that nobody takes them for granted. */

@@ -47,7 +47,7 @@ export class Wiring {
   mark(port, x, y) {
     const circle = document.createElementNS(SVG, "circle");
     const words = `${port.path}, ${port.domain || "any domain"}${port.direction ? ` ${port.direction}put` : ""}${port.node ? `, on node ${port.node}` : ", not connected"}`;
-    for (const [name, value] of [["cx", x], ["cy", y], ["r", 5], ["data-port", port.path], ["class", `port${port.node || port.value ? "" : " open"}`], ["role", "button"], ["aria-label", words], ["tabindex", -1]])
+    for (const [name, value] of [["cx", x], ["cy", y], ["r", 5], ["data-port", port.path], ["class", `port${port.node || port.value || port.default ? "" : " open"}`], ["role", "button"], ["aria-label", words], ["tabindex", -1]])
       circle.setAttribute(String(name), String(value));
     const title = document.createElementNS(SVG, "title");
     title.textContent = words;
