@@ -392,3 +392,29 @@ def test_the_scripts_of_the_page_are_typed() -> None:
     found = subprocess.run([compiler, *flags, "main.js"], cwd=page, capture_output=True, text=True, check=False)
     said = [line for line in found.stdout.splitlines() if line and not line.startswith(("vendor/", " "))]
     assert said == []
+
+
+def test_the_charts_of_a_diagram_are_stored_beside_it_and_not_overwritten_by_another_tab(folder: Folder) -> None:
+    name = folder.create("machine")
+    assert folder.layout(name) == (None, "")
+    first = folder.save_layout(name, {"plotted": ["load.x"]}, "")
+    assert folder.layout(name) == ({"plotted": ["load.x"]}, first)
+    assert folder.save_layout(name, {"plotted": []}, "") == ""  # another tab wrote meanwhile
+    assert folder.layout(name)[0] == {"plotted": ["load.x"]}
+    second = folder.save_layout(name, {"plotted": []}, first)
+    assert second and folder.layout(name) == ({"plotted": []}, second)
+    path = folder.root / ".heavebond" / "machine.yaml.json"
+    path.write_text("{broken")
+    layout, changed = folder.layout(name)
+    assert layout is None and folder.save_layout(name, {"plotted": []}, changed) == second
+    assert name in [d["name"] for d in folder.diagrams()] and not any("json" in d["name"] for d in folder.diagrams())
+    for case, layout, code in ((f"{BUNDLED}cmc_ahc", {}, "file-bundled"), ("../out.yaml", {}, "file-outside"),
+                               (name, {"kept": ["x" * 5_000_000]}, "file-too-large")):
+        with pytest.raises(UsageError) as error:
+            folder.save_layout(case, layout, second)
+        assert error.value.problems[0].code == code
+    path.unlink()
+    path.symlink_to(folder.root / name)  # no link is followed
+    with pytest.raises(UsageError):
+        folder.save_layout(name, {}, folder.layout(name)[1])
+    assert "components:" in (folder.root / name).read_text()

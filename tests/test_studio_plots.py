@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from studio_pages import Server, server, tab
 from test_studio import BALL
 from test_studio_editing import _true
-from test_studio_page import _open
+from test_studio_page import CAR, _open
 
 from heavebond.records.spectra import evenly, spectrum
 
@@ -164,6 +165,39 @@ def test_kept_runs_are_there_after_a_reload(tab: browser.Tab, server: Server) ->
     tab.wait("studio.runs.restoring")
     tab.key("Enter", ctrl=True, code=13)
     tab.wait("studio.runs.live && studio.runs.kept.length === 2 && !studio.runs.busy", 60)
+    assert tab.complaints == []
+
+
+def test_charts_and_kept_runs_belong_to_the_folder(tab: browser.Tab, server: Server, tmp_path: Path) -> None:
+    """Another browser shows the charts, the cursors and the kept runs; of two tabs neither loses the runs of the other."""
+    _open(tab, server, "shared.yaml")
+    _run(tab)
+    tab.run("studio.runs.keep('first'), studio.runs.plot('damper.F', true), 1")
+    tab.click("#measure")
+    stored = server.folder / ".heavebond" / "shared.yaml.json"
+    tab.wait("!studio.runs.storing")
+    assert json.loads(stored.read_text())["kept"][0]["label"] == "first" and CAR in json.loads(stored.read_text())["texts"]
+    other = browser.Tab(tmp_path / "profile", 1500, 1000)
+    try:
+        other.go(f"{server.address}#shared.yaml")
+        other.wait("Boolean(window.studio?.runs.kept.length === 1 && !studio.runs.busy && studio.runs.plots.charts.length)",
+                   60)
+        assert other.run("studio.runs.plotted.includes('damper.F') && studio.runs.plots.cursors.on")
+        _run(other)
+        other.run("studio.runs.keep('second'), 1")
+        other.wait("!studio.runs.storing")
+        _run(tab)
+        tab.run("studio.runs.keep('third'), 1")
+        tab.wait("!studio.runs.storing && studio.runs.stored.length === 1")
+        assert {run["label"] for run in json.loads(stored.read_text())["kept"]} == {"first", "second", "third"}
+        tab.click("#restore")
+        tab.wait("studio.runs.kept.length === 3 && !studio.runs.busy", 60)
+        tab.run("document.querySelector('[aria-label=\"forget second\"]').click(), 1")
+        tab.wait("!studio.runs.storing")
+        assert {run["label"] for run in json.loads(stored.read_text())["kept"]} == {"first", "third"}
+        assert other.complaints == []
+    finally:
+        other.close()
     assert tab.complaints == []
 
 

@@ -24,8 +24,8 @@ def native_code(allowed: bool = True) -> Iterator[None]:
 
 @contextmanager
 def fmu_code(allowed: bool = True) -> Iterator[None]:
-    """Context in which simulations run the programs in FMUs, as with `simulate(model, allow_fmu=True)`; with `allowed` False,
-    only if an outer context permits it."""
+    """Context in which simulations run the programs in FMUs, as with `simulate(model, allow_fmu=True)`; with `allowed`
+    False, only if an outer context permits it."""
     with _granted(_fmus, allowed):
         yield
 

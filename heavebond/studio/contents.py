@@ -97,7 +97,8 @@ def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str
                 "name": port, "path": path, "domain": domain, "direction": signal.direction if signal else "",
                 "doc": signal.doc if signal else leaf.component.ports[base].doc, "node": on.get(path, ""),
                 "value": base in leaf.inputs and f"{item.part.path}.{base}" not in expanded.defaults,
-                "default": f"{item.part.path}.{base}" in expanded.defaults, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
+                "default": f"{item.part.path}.{base}" in expanded.defaults,
+                "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
     return entries
 
 

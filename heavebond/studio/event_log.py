@@ -11,10 +11,11 @@ MOST = 5000  # events that the page receives
 
 
 def event_log(result: Result, name: str = "") -> Entry:
-    """The events of a run in order, or those with a `name`; at most MOST of `of`. `counts` are the numbers of events by name.
+    """The events of a run in order, or those with a `name`; at most MOST of `of`. `counts` are the numbers of events by
+    name. Changes of the integrated states and of the solver are listed as well.
 
-    Each event has its time (s), its part and name, its condition or instants as text, and the assigned variables whose values
-    it changed, in SI: name, value before, value after, unit. Also the changes of the integrated states and of the solver."""
+    Each event has its time (s), its part and name, its condition or instants as text, and `changes`, the assigned variables
+    with other values after it, in SI: name, value before, value after, unit."""
     flat = result.assembly.flat
     declared = {event.name: event for event in flat.events}
     held = {h.index: h for h in flat.held}
@@ -38,8 +39,8 @@ def event_log(result: Result, name: str = "") -> Entry:
                 if before != after:
                     changes.append([label, before, after, unit])
             part, _, short = event.rpartition(".")
-            entries.append({"time": instant.time, "part": part, "event": short, "name": event, "text": declared[event].text.removeprefix("condition: "),
-                            "changes": changes})
+            entries.append({"time": instant.time, "part": part, "event": short, "name": event,
+                            "text": declared[event].text.removeprefix("condition: "), "changes": changes})
     for key, what in (("state_changes", "states"), ("solver_changes", "solver")):
         changed = result.statistics.get(key, [])
         assert isinstance(changed, list)

@@ -27,7 +27,7 @@ except ImportError:  # Windows: only tabs of the same studio exclude each other
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
-from heavebond.core.writable import DESCRIPTORS, NO_LINK, confined, new_file, open_folder
+from heavebond.core.writable import DESCRIPTORS, NO_LINK, confined, make_folder, new_file, open_folder
 from heavebond.language import model
 from heavebond.language.library import bundled
 from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
@@ -41,6 +41,8 @@ _saving = threading.Lock()
 LISTED, DEPTH = 500, 4  # largest number of files on the first page, and depth of the search for them
 KINDS = ("study", "experiment", "model", "component")  # kinds of files; an experiment and a study name their model as well
 SUMMARY = re.compile(r"^summary:[ \t]*(?:[>|][-+]?[ \t]*\n)?(.*(?:\n[ \t]+.*)*)", re.MULTILINE)
+LAYOUTS = ".heavebond"  # the folder for the layouts of charts, in the folder of a diagram
+LAYOUT_BYTES = 4_000_000  # of one layout with the texts of its kept runs
 BOM = b"\xef\xbb\xbf"
 NEW = """\
 model: NAME
@@ -224,6 +226,49 @@ class Folder:
         except OSError as error:
             raise UsageError([Problem("file-unwritable", f"{name} cannot be saved: {error.strerror or error}")]) from None
         return self.read(name)
+
+    def layout(self, name: str) -> tuple[dict[str, Any] | None, str]:
+        """The charts and the kept runs of a document, and the version of their file; None if they cannot be read, and an
+        empty version if there is no file."""
+        try:
+            with self.opened(self._layout_file(name)) as file:
+                raw = file.read(LAYOUT_BYTES + 1)
+        except OSError:
+            return None, ""
+        try:
+            layout = json.loads(raw)
+        except (ValueError, RecursionError):
+            layout = None
+        return layout if isinstance(layout, dict) else None, version(raw)
+
+    def save_layout(self, name: str, layout: dict[str, Any], base: str) -> str:
+        """Replace the version `base` of the layout of a document; returns the new version, or an empty string if another tab
+        has written since. UsageError if it is too large or cannot be written."""
+        path = self._layout_file(name)
+        data = (json.dumps(layout, indent=1, allow_nan=False) + "\n").encode()
+        if len(data) > LAYOUT_BYTES:
+            raise UsageError([Problem("file-too-large", f"the kept runs need more than {LAYOUT_BYTES // 10**6} MB", None,
+                                      "Forget some of them.")])
+        try:
+            with self.writing(self.path(name)):
+                if path.is_symlink():  # its target is another file of the folder
+                    raise PermissionError(errno.EACCES, "its file is a link", str(path))
+                if self.layout(name)[1] != base:
+                    return ""
+                make_folder(path.parent)
+                with new_file(path) as fresh:
+                    fresh.write_bytes(data)
+        except OSError as error:
+            message = f"the charts of {name} cannot be stored: {error.strerror or error}"
+            raise UsageError([Problem("file-unwritable", message)]) from None
+        return version(data)
+
+    def _layout_file(self, name: str) -> Path:
+        """The file of the layout of a document in this folder; UsageError for another one."""
+        if name.startswith(BUNDLED):
+            raise UsageError([Problem("file-bundled", "a bundled diagram has no stored charts")])
+        path = self.path(name)
+        return path.parent / LAYOUTS / f"{path.name}.json"
 
     def create(self, name: str, text: str = NEW) -> str:
         """Create a diagram `name`, by default a first example; returns the name of its document."""

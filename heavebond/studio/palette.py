@@ -65,8 +65,8 @@ def component_entry(folder: Path, name: str) -> Entry:
             "no effect" if p.neutral is not None else ""
         parameters.append({"name": p.name, "unit": _unit(p), "doc": p.doc, "default": default,
                            "limits": [None if v is None else p.unit.from_si(v) for v in (p.low, p.high)]})
-    return {**_brief(component), "name": name, "restrictions": component.restrictions, "source": component.source, "port_list": ports,
-            "parameter_list": parameters,
+    return {**_brief(component), "name": name, "restrictions": component.restrictions, "source": component.source,
+            "port_list": ports, "parameter_list": parameters,
             "equations": [f"{line.text.strip()}  # {line.label}" if line.label else line.text.strip()
                           for line in component.equations]}
 

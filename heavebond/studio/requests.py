@@ -49,7 +49,9 @@ async def _difference(tab: Tab, message: dict[str, Any]) -> Answer:
 async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
     tab.document = await asyncio.to_thread(tab.folder.read, str(message["name"]))
     tab.other_files = {}
-    return "done", document_entry(tab.document), None
+    layout, version = (None, "") if tab.document.name.startswith(BUNDLED) else \
+        await asyncio.to_thread(tab.folder.layout, tab.document.name)
+    return "done", {**document_entry(tab.document), "layout": layout, "layout_version": version}, None
 
 
 async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
@@ -94,6 +96,19 @@ async def _derive(tab: Tab, message: dict[str, Any]) -> Answer:
 async def _write(tab: Tab, message: dict[str, Any]) -> Answer:
     values = {str(k): str(v) for k, v in message["values"].items()}
     return "done", {"text": await asyncio.to_thread(with_values, str(message["text"]), values)}, None
+
+
+async def _layout(tab: Tab, message: dict[str, Any]) -> Answer:
+    """Store the charts and the kept runs of a document beside it. If another tab has stored others since, they stay, and are
+    returned."""
+    name, layout = str(message["name"]), message["layout"]
+    if not isinstance(layout, dict):
+        raise TypeError(layout)
+    stored = await asyncio.to_thread(tab.folder.save_layout, name, layout, str(message["base"]))
+    if stored:
+        return "done", {"layout": None, "layout_version": stored}, None
+    other, version = await asyncio.to_thread(tab.folder.layout, name)
+    return "done", {"layout": other or {}, "layout_version": version}, None
 
 
 async def _save(tab: Tab, message: dict[str, Any]) -> Answer:
@@ -232,6 +247,7 @@ ASKED: dict[str, Handler] = {
 HANDLERS: dict[str, Handler] = {
     "home": _home, "list": _list, "difference": _difference, "open": _open,
     "new": _new, "copy": _copy, "import": _import, "derive": _derive, "write": _write, "save": _save,
+    "layout": _layout,
     "thumbnail": _thumbnail, "view": _view, "forms": _forms, "stop": _stop, **ASKED,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
     "experiment": _experiment, "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

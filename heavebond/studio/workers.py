@@ -23,8 +23,8 @@ MOST = 9
 Answer = tuple[str, Any, Any]  # kind, content, array
 SUPERSEDED: Answer = ("superseded", {}, None)
 ENDED = Problem("worker-ended", "the computation ended before it was done", None,
-                "If nobody stopped it, the memory of this machine did not suffice, or a program of the diagram (an FMU or an "
-                "external function) crashed.")
+                "If nobody stopped it, the memory of this machine did not suffice, or a program of the diagram (an FMU or "
+                "an external function) crashed.")
 
 
 LOST: Answer = ("problems", [ENDED], None)

@@ -54,7 +54,12 @@ export class Cursors {
     const k = Math.abs(time - this.times[0]) <= Math.abs(time - this.times[1]) ? 0 : 1;
     this.times[k] = time;
     this.times.sort((a, b) => a - b);
+    this.moved();
+  }
+
+  moved() {
     this.plots.redraw();
+    this.plots.onchoice?.();
   }
 
   /** The lines on a chart. @param {any} chart */
@@ -82,13 +87,13 @@ export class Cursors {
     if (!this.on) { this.place.replaceChildren(); return this.place; }
     const [a, b] = this.times, held = /** @type {HTMLElement|null} */ (document.activeElement)?.id ?? "";
     const field = (/** @type {number} */ k) => el("label", {}, `${"AB"[k]} `, el("input", { id: `cursor-${"ab"[k]}`, class: "short mono", inputmode: "decimal", value: number(this.times[k], 6), "aria-label": `time of cursor ${"AB"[k]} in s`,
-      onchange: (/** @type {any} */ e) => { const t = Number(e.target.value); if (Number.isFinite(t) && e.target.value.trim()) { this.times[k] = t; this.times.sort((p, q) => p - q); } this.plots.redraw(); },
+      onchange: (/** @type {any} */ e) => { const t = Number(e.target.value); if (Number.isFinite(t) && e.target.value.trim()) { this.times[k] = t; this.times.sort((p, q) => p - q); } this.moved(); },
       onkeydown: (/** @type {KeyboardEvent} */ e) => {
         const way = { ArrowUp: 1, ArrowDown: -1 }[e.key], time = groups[0]?.lines[0]?.run.time;
         if (!way || !time) return;
         e.preventDefault();
         this.times[k] = Math.min(time[time.length - 1], Math.max(time[0], this.times[k] + way * (time[time.length - 1] - time[0]) / STEPS));
-        this.plots.redraw();
+        this.moved();
       } }), " s");
     const rows = groups.filter((g) => !g.frequency && !this.plots.over(g)).flatMap((g) => g.lines.map((/** @type {any} */ l) => {
       const { time } = l.run, values = l.run.series.get(l.name), p = at(time, values, a), q = at(time, values, b), f = between(time, values, a, b);

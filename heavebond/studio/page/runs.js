@@ -16,6 +16,10 @@ export class Runs {
   resume = false; // whether the restoring of kept runs gave way to a run
   /** @type {string|null} */ failed = null; // text of a run that failed, whose problems are shown
   /** @type {any[]} */ stored = []; // kept when the diagram was open before, not computed yet
+  /** @type {any[]} */ failing = []; // of these, those that could not be computed: they are tried again when the diagram is opened
+  /** @type {Set<string>} */ forgotten = new Set(); // keys of runs that are no longer kept, which another tab may still have
+  /** @type {any} */ dirty = null; // the document whose layout is to be stored
+  storing = false;
 
   /** @param {any} studio */
   constructor(studio) {
@@ -32,7 +36,7 @@ export class Runs {
 
   /** As for a diagram that was just opened. */
   clear() {
-    Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], recalled: false, restoring: false, resume: false });
+    Object.assign(this, { values: {}, plotted: [], live: null, kept: [], stored: [], failing: [], recalled: false, restoring: false, resume: false });
     this.serial = 0;
     this.log.clear();
     this.invite();
@@ -207,13 +211,55 @@ export class Runs {
 
   get layoutKey() { return `plots:${this.studio.folder}/${this.studio.document.name}`; }
 
-  /** Keep what is plotted, and how, for the next time that this diagram of this folder is opened. */
+  /** What is plotted, and how, and the kept runs, each text once. */
+  layout() {
+    const runs = [...this.failing, ...this.stored, ...this.kept], texts = [...new Set(runs.map((run) => run.text))], { plots } = this;
+    const kept = runs.map(({ key, label, values, text, visible, seconds }) => ({ key, label, values, text: texts.indexOf(text), visible, seconds }));
+    return { plotted: this.plotted, choices: plots.choices, large: plots.large, panes: plots.panes, order: plots.order, columns: plots.columns, limits: plots.limits,
+      cursors: plots.cursors.on ? plots.cursors.times : null, events: this.log.on, texts, kept };
+  }
+
+  /** Keep what is plotted, and how, for the next time that this diagram is opened: beside its file, for a bundled one in the browser. */
   remember() {
-    if (!this.studio.document) return;
-    const kept = [...this.stored, ...this.kept.map(({ label, values, text, visible, seconds }) => ({ label, values, text, visible, seconds }))];
-    const layout = { plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns, limits: this.plots.limits };
-    try { localStorage.setItem(this.layoutKey, JSON.stringify({ ...layout, kept })); }
-    catch { localStorage.setItem(this.layoutKey, JSON.stringify(layout)); this.studio.say("the kept runs are too many to be stored for the next time"); }
+    const { document: file } = this.studio;
+    if (!file) return;
+    file.layout = this.layout();
+    if (file.writable) void this.store(file);
+    else localStorage.setItem(this.layoutKey, JSON.stringify(file.layout));
+  }
+
+  /** Write the layout; one request at a time, the newest one last. @param {any} file */
+  async store(file) {
+    this.dirty = file;
+    if (this.storing) return;
+    this.storing = true;
+    try {
+      while (this.dirty) {
+        const now = this.dirty;
+        this.dirty = null;
+        const told = await this.studio.link.ask("layout", { name: now.name, layout: now.layout, base: now.layout_version });
+        if (told.kind !== "done") break;
+        now.layout_version = told.layout_version;
+        if (told.layout) this.merge(now, told.layout);
+      }
+    } catch (error) {
+      this.studio.say(error instanceof Error ? error.message.split("\n")[0] : "");
+    } finally { this.storing = false; }
+  }
+
+  /** Another tab has stored its layout: the runs that it kept are added, and the charts are those of this tab. @param {any} file @param {any} other */
+  merge(file, other) {
+    const here = this.studio.document === file, own = new Set(file.layout.kept.map((/** @type {any} */ run) => run.key));
+    const further = storedRuns(other).filter((run) => !own.has(run.key) && !this.forgotten.has(run.key));
+    if (here) {
+      this.stored.push(...further);
+      file.layout = this.layout();
+      this.showRuns();
+    } else {
+      const texts = [...new Set([...file.layout.texts, ...further.map((run) => run.text)])];
+      file.layout = { ...file.layout, texts, kept: [...file.layout.kept, ...further.map((run) => ({ ...run, text: texts.indexOf(run.text) }))] };
+    }
+    this.dirty = file;
   }
 
   /** Simulate the runs that were kept when the diagram was open before; each has its text and its values. */
@@ -238,7 +284,11 @@ export class Runs {
       }
       if (this.begun === begun) this.studio.say("");
     } catch (error) {
-      if (here()) this.studio.say(`the kept run ${this.stored.shift()?.label} failed: ${error instanceof Error ? error.message.split("\n")[0] : ""}`);
+      const failing = here() && this.stored.shift(), reason = error instanceof Error ? error.message : String(error);
+      if (failing) {
+        this.failing.push({ ...failing, reason });
+        this.studio.say(`the kept run ${failing.label} failed: ${reason.split("\n")[0]}`);
+      }
     } finally {
       this.restoring = false;
       if (!--this.busy) byId("stop").hidden = true;
@@ -251,13 +301,17 @@ export class Runs {
 
   /** What was plotted the last time; the first outputs without it. @param {string[]} outputs */
   recall(outputs) {
-    const kept = JSON.parse(localStorage.getItem(this.layoutKey) ?? "null");
-    this.plotted = kept?.plotted ?? outputs;
-    if (!this.recalled) this.stored = kept?.kept ?? [];
+    const file = this.studio.document, kept = file.layout ?? JSON.parse(localStorage.getItem(this.layoutKey) ?? "null"), { plots } = this;
+    const list = (/** @type {any} */ found) => Array.isArray(found) ? found : null, record = (/** @type {any} */ found) => found && typeof found === "object" && !Array.isArray(found) ? found : {};
+    this.plotted = list(kept?.plotted) ?? outputs;
+    if (!this.recalled) this.stored = storedRuns(kept);
     this.recalled = true;
+    this.log.on = Boolean(kept?.events);
+    Object.assign(plots, { choices: record(kept?.choices), large: kept?.large ?? "", panes: record(kept?.panes), order: list(kept?.order) ?? [], columns: kept?.columns ?? 1, limits: kept?.limits ?? null });
+    plots.cursors.on = list(kept?.cursors)?.length === 2;
+    if (plots.cursors.on) plots.cursors.times = kept.cursors;
     this.showRuns();
     if (this.stored.length && this.stored.reduce((sum, run) => sum + (run.seconds ?? 0), 0) < SOON) void this.restore();
-    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "", panes: kept?.panes ?? {}, order: kept?.order ?? [], columns: kept?.columns ?? 1, limits: kept?.limits ?? null });
   }
 
   /** The density of a signal over the frequency, as `heavebond signal` computes it. @param {any} run @param {string} name */
@@ -336,7 +390,7 @@ export class Runs {
     if (!this.live) return;
     this.serial++;
     const changed = Object.entries(this.live.values).map(([path, value]) => `${path.split(".").at(-1)} = ${value}`).slice(0, 2).join(", ");
-    this.kept.push({ ...this.live, ...this.marks(), label: label || changed || `run ${this.serial}` });
+    this.kept.push({ ...this.live, ...this.marks(), key: crypto.randomUUID(), label: label || changed || `run ${this.serial}` });
     this.live.label = "now";
     this.remember();
     this.showRuns();
@@ -355,19 +409,21 @@ export class Runs {
       el("input", { type: "checkbox", checked: run.visible, "aria-label": `show ${run.label}`, onchange: (/** @type {any} */ e) => { run.visible = e.target.checked; this.remember(); void this.complete(); } }),
       el("input", { type: "text", value: run.label, "aria-label": "name of the run", title: Object.entries(run.values).map(([k, v]) => `${k} = ${v}`).join(", "),
         onchange: (/** @type {any} */ e) => { run.label = e.target.value; this.remember(); this.showPlots(); } }),
-      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.remember(); this.showRuns(); this.showPlots(); } }, "×")));
+      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.forgotten.add(run.key); this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.remember(); this.showRuns(); this.showPlots(); } }, "×")));
+    const failing = this.failing.map((run) => el("span", { class: "kept failing", title: run.reason }, `${run.label} failed`,
+      el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.forgotten.add(run.key); this.failing = this.failing.filter((r) => r !== run); this.remember(); this.showRuns(); } }, "×")));
     const name = (this.studio.view?.name ?? "run").replace(/\W+/g, "_");
     const waiting = this.stored.length && !this.restoring ? [el("button", { id: "restore", title: this.stored.map((run) => run.label).join(", "), onclick: () => void this.restore() }, `Compute ${this.stored.length} kept ${this.stored.length > 1 ? "runs" : "run"}`)] : [];
-    byId("runs").replaceChildren(...waiting, ...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
+    byId("runs").replaceChildren(...waiting, ...failing, ...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
       el("span", { class: "grow" }), el("button", { id: "formula", disabled: !this.live, title: "Plot a formula of signals", onclick: () => this.derive() }, "Formula…"),
       ...this.log.button(),
-      el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, with the values of the signals at them and between them", onclick: () => { this.plots.measure(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
+      el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, with the values of the signals at them and between them", onclick: () => { this.plots.measure(); this.remember(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
       el("select", { id: "columns", "aria-label": "charts beside each other", onchange: (/** @type {any} */ e) => { this.plots.columns = Number(e.target.value); this.remember(); this.showPlots(); } }, ...[1, 2, 3].map((n) => el("option", { value: n, selected: n === this.plots.columns }, n === 1 ? "1 column" : `${n} columns`))),
       el("button", { id: "charts-only", "aria-pressed": String(byId("middle").classList.contains("charts-only")), title: "Charts without the drawing, and back", onclick: () => { const on = byId("middle").classList.toggle("charts-only"); byId("charts-only").setAttribute("aria-pressed", String(on)); } }, "Charts only"),
       el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
       el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : []));
     this.studio.animation?.follow();
-    byId("runs").classList.toggle("bare", !this.live && !kept.length && !waiting.length);
+    byId("runs").classList.toggle("bare", !this.live && !kept.length && !waiting.length && !failing.length);
   }
 
   showPlots() {
@@ -393,4 +449,11 @@ export class Runs {
     const rows = Object.entries(told.outputs).map(([name, f]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "words" }, unitLabel(f.unit)), ...["min", "max", "rms", "final"].map((k) => el("td", {}, figure(f[k])))));
     return [el("table", { class: "figures" }, el("thead", {}, el("tr", {}, ...["output", "unit", "min", "max", "rms", "final"].map((h, k) => el("th", { scope: "col", class: k < 2 ? "words" : null }, h)))), el("tbody", {}, ...rows))];
   }
+}
+
+/** The kept runs of a stored layout; those of earlier versions have their texts in place and no keys. @param {any} layout @returns {any[]} */
+function storedRuns(layout) {
+  const runs = Array.isArray(layout?.kept) ? layout.kept : [];
+  return runs.map((/** @type {any} */ run) => ({ ...run, key: run.key ?? crypto.randomUUID(), text: typeof run.text === "number" ? layout.texts?.[run.text] : run.text }))
+    .filter((/** @type {any} */ run) => typeof run.text === "string" && run.values && typeof run.values === "object");
 }
