@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,11 +20,12 @@ __all__ = ["server", "tab"]
 
 
 @pytest.fixture(autouse=True)
-def _left(tab: browser.Tab) -> Iterator[None]:
-    """The page may be left without a question and without a draft for the next test."""
+def _left(tab: browser.Tab, server: Server) -> Iterator[None]:
+    """The page may be left without a question, without a draft and without charts for the next test."""
     yield
     tab.run("(() => { if (window.studio?.document) { studio.document.text = studio.editor.text; studio.file.keepDraft(); } "
             "localStorage.clear(); })()")
+    shutil.rmtree(server.folder / ".heavebond", ignore_errors=True)
 
 
 def _true(tab: browser.Tab, script: str, patience: float = browser.PATIENCE) -> None:

@@ -420,7 +420,7 @@ def test_the_processes_of_all_tabs_are_limited(echoing: None) -> None:
     asyncio.run(work())
 
 
-def _echo(pipe: Any, _native: bool) -> None:
+def _echo(pipe: Any, *_permissions: bool) -> None:
     """A worker that answers with the name of the task."""
     while True:
         try:
