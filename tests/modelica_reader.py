@@ -28,7 +28,7 @@ class Scope:
     before: Values = field(default_factory=dict)
     arrays: Mapping[str, object] = field(default_factory=dict)
     edges: Mapping[str, bool] = field(default_factory=dict)
-    delayed: Callable[[Expression, float], float] | None = None
+    delayed: Callable[[Expression, float], float] | None = None  # source and length of a delay
     index: int | None = None
 
 
