@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from oscillator import STEP, write_experiment, write_record
-from scipy.stats import binom
+from scipy.stats import binom, multivariate_normal
 
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import UsageError
 from heavebond.monitoring.change_detection import cusum, find_change, threshold
+from heavebond.monitoring.onset import Fault, FilteredWindow, likelihood_ratios
 
 
 @pytest.mark.parametrize("kind", ["mean", "size"])
@@ -53,6 +54,56 @@ def test_the_change_is_found_near_its_time(scale: float, shift: float) -> None:
     assert len(errors) >= 58  # at most one false alarm of 60 is probable
     assert np.median(errors) < 20  # 2 % of the record
     assert inside > 0.8 * len(errors) or shift
+
+
+def test_the_likelihood_of_an_onset_is_that_of_the_whole_record() -> None:
+    """Beside the density of all samples from their dense covariance: a system of two states with process noise, an input of
+    each kind that acts on states and channels from sample j on, samples that are missing."""
+    random, count, size, channels = np.random.default_rng(8), 7, 2, 2
+    time, noise = np.cumsum(random.uniform(0.5, 1.5, count)), np.array([0.3, 0.0])
+    phi, h = random.normal(size=(count - 1, size, size)), random.normal(size=(count, channels, size))
+    used = np.ones((count, channels))
+    used[3, 0] = 0
+    h *= used[:, :, None]
+    gamma, d = random.normal(size=(count - 1, size)), random.normal(size=(count, channels)) * used
+    faults = [Fault("w", "w", gamma, d, False)]
+    cases = [(0, 2.0, 1.3), (0, 0.5, np.inf)]
+    # all samples as linear functions of independent standard numbers: start, process noise, noise of samples
+    start = random.normal(size=(size, size))
+    states = [np.hstack([start, np.zeros((size, size * (count - 1)))])]
+    for i in range(count - 1):
+        states.append(phi[i] @ states[-1])
+        states[-1][:, size * (i + 1):size * (i + 2)] += np.diag(np.sqrt(noise * (time[i + 1] - time[i])))
+    sound = np.concatenate([h[i] @ states[i] for i in range(count)])
+    keep = used.ravel() > 0
+    y = random.normal(size=count * channels) * 2 * keep
+    # the filter: predictions, covariances, corrections
+    s, p, e, k, covariances = np.zeros(size), start @ start.T, [], [], []
+    for i in range(count):
+        variance = h[i] @ p @ h[i].T + np.eye(channels)
+        gain = p @ h[i].T @ np.linalg.inv(variance)
+        e.append(y[2 * i:2 * i + 2] - h[i] @ s)
+        k.append(gain @ e[-1])
+        covariances.append(p)
+        s, p = s + k[-1], p - gain @ h[i] @ p
+        if i < count - 1:
+            s, p = phi[i] @ s, phi[i] @ p @ phi[i].T + np.diag(noise) * (time[i + 1] - time[i])
+    window = FilteredWindow(time, np.array(covariances), np.array(e), np.array(k), phi, h, noise)
+    ratios = likelihood_ratios(window, faults, cases, 1)
+    null = multivariate_normal(cov=(sound @ sound.T + np.eye(len(y)))[keep][:, keep]).logpdf(y[keep])
+    for n, (_, sigma, tau) in enumerate(cases):
+        for j in range(count):
+            covariance = sigma**2 * np.exp(-np.abs(time[j:, None] - time[j:]) / tau)
+            response = np.zeros((count * channels, count - j))
+            for m in range(j, count):
+                moved = np.zeros(size)
+                response[2 * m:2 * m + 2, m - j] += d[m]
+                for i in range(m, count - 1):
+                    moved = phi[i] @ moved + (gamma[i] if i == m else 0)
+                    response[2 * i + 2:2 * i + 4, m - j] += h[i + 1] @ moved
+            total = sound @ sound.T + np.eye(len(y)) + response @ covariance @ response.T
+            expected = multivariate_normal(cov=total[keep][:, keep]).logpdf(y[keep]) - null
+            assert ratios[j, n] == pytest.approx(expected, abs=1e-8)  # rounding
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from heavebond.core.quoting import file_stem
 from heavebond.core.units import Unit, read_unit
@@ -160,7 +159,7 @@ class SourcedRecord:
         flat = self.assembly.flat
         self.locals = [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns
                        if u.role in ("across", "position", "signal")]
-        self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
+        self._jacobians = Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
                                      len(experiment.free) + len(parameters), len(self.nodes), len(self.jumps))
         self.jumped = [(path, order) for path in self.jumps for order in range(JUMP_ORDERS)]
 
@@ -186,8 +185,9 @@ class SourcedRecord:
         directions[index, range(len(known))] = slopes
         start_tangent = tangent(assembly.once("start", lambda: StartEquations(assembly)), result.start, result.u[:, 0],
                                 directions)
-        a, b, _, _, _, _, _, _ = self._jacobians.at(result, np.arange(1, len(fine), 2), start_tangent.p)
-        _, _, y, c, d, local, local_c, local_d = self._jacobians.at(result, np.arange(0, len(fine), 2), start_tangent.p)
+        whole = columns(result)
+        a, b, *_ = self._jacobians.at([part[:, 1::2] for part in whole], start_tangent.p)
+        _, _, y, c, d, local, local_c, local_d = self._jacobians.at([part[:, ::2] for part in whole], start_tangent.p)
         phi, gamma = stepped(a, b, np.diff(self.time))
         x = result.x / assembly.x_nominal[:, None]
         # what was not sampled tells nothing
@@ -209,7 +209,7 @@ def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
     return np.asarray(~checking[nearest])
 
 
-class _Jacobians:
+class Jacobians:
     """The matrices of `LtvModel` at many moments, in nominal states; parameters along given directions."""
 
     def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], local: Sequence[LocalSignal], parameters: int,
@@ -235,9 +235,10 @@ class _Jacobians:
             ca.Function("along", [t, x, z, p, u, rate, along], [ca.densify(ca.horzcat(*parts))])
         self._values, self._along = (Buffered(function.map(AT_ONCE)) for function in both)
 
-    def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
-        """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
-        arguments = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
+    def at(self, points: Sequence[Array], along: Array) -> tuple[Array, ...]:
+        """A with A_q, B, y, C with C_q, D, the local signals and theirs, at points of a run, given as columns of the
+        arguments of the assembly."""
+        arguments = [np.ascontiguousarray(part) for part in points]
         rows = mapped(self._values, arguments)[:, 0].T
         whole = self._without_algebraic(np.ascontiguousarray(mapped(self._along, arguments, along).transpose(2, 0, 1)))
         n, outputs = self.n, self.n + self.z + self.outputs

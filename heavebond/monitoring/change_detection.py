@@ -11,8 +11,8 @@ the rate of false alarms: each sum is a Markov chain on [0, threshold), and the 
 samples of a record follows from powers of its transition matrix. Every sum has an equal share of the rate (Bonferroni),
 so that the rate of the bank is at most the stated one.
 
-The time of the change maximises the generalised likelihood ratio. From sample j on until the alarm the innovations have
-another standard deviation s_j,
+The first estimate of the time of the change maximises the generalised likelihood ratio; `onset` improves it. From sample j
+on until the alarm the innovations have another standard deviation s_j,
 
     l_j = (sum v^2 - n - n ln(sum v^2 / n))/2   of the n innovations from j to the alarm, if sum v^2 > n.
 

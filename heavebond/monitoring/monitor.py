@@ -1,9 +1,10 @@
 """Monitoring of machines in service: every record is filtered, and the records that leave the model are reported.
 
 Each record runs through the Kalman filter of its machine. Sums of the normalised innovations decide if the record leaves the
-model and when (see `change_detection`). `Monitoring.window` is the experiment on the time before and after a change, for
-`diagnose`. Records are handled in groups, each in one task of a process or of a cluster, so that a task assembles the
-equations once. A record that cannot be read or filtered is reported with the reason, and the others continue.
+model (see `change_detection`); the faults that are possible in its diagram date the change (see `onset`).
+`Monitoring.window` is the experiment on the time before and after a change, for `diagnose`. Records are handled in groups,
+each in one task of a process or of a cluster, so that a task assembles the equations once. A record that cannot be read or
+filtered is reported with the reason, and the others continue.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +37,7 @@ from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.monitoring.change_detection import find_change
 from heavebond.monitoring.estimates import StateEstimate
 from heavebond.monitoring.kalman_filter import Estimator, Reference
+from heavebond.monitoring.onset import FaultOnset
 from heavebond.numerics.dae import Array
 from heavebond.records.measurements import SUFFIXES as RECORD_SUFFIXES
 
@@ -54,8 +56,9 @@ class MonitoredRecord:
     """One record of a folder: its `outcome` ("in the model", "changed", "unusable") and the `reason` of the last.
 
     samples: number of innovations; nis: their mean square, 1 if model and noise are right, with the bounds `low` and `high`
-    that contain it with 95 % probability; alarm: time of the alarm; change: estimated time of the change, between `earliest`
-    and `latest` with 95 % probability; statistic: the sum that raised the alarm. Times in s; nan without a change.
+    that contain it with 95 % probability; alarm: time of the alarm; change: estimated time of the change (the median),
+    between `earliest` and `latest` with 95 % probability; statistic: the sum that raised the alarm. Times in s; nan without
+    a change.
     """
 
     name: str
@@ -237,6 +240,7 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
     if separate:
         raise UsageError([Problem("monitor-files", f"{listing(separate)} of the experiment are in separate files, and each "
                                   "record of a folder is one file", None, "Put all columns of a record into one file.")])
+    dating = FaultOnset(estimator)
     task = _Task(replace(experiment, records={template.name: template}), dict(walks or {}), template.name, share, alarm_rate,
                  estimates, estimator.reference)
     say = progress or (lambda text: None)
@@ -251,7 +255,7 @@ def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | P
         try:
             if executor is None:
                 for file in files:
-                    filtered[file] = _filtered(estimator, task, file)
+                    filtered[file] = _filtered(dating, task, file)
                     say(f"{len(filtered)} of {len(files)} records")
             else:
                 ahead = executor.ahead if isinstance(executor, Cluster) else workers + 1
@@ -316,11 +320,13 @@ def _filter_group(task: _Task, group: Sequence[Path]) -> dict[Path, tuple[Monito
     """Filter some records with one estimator."""
     estimator = Estimator(task.experiment, walks=task.walks, record=task.record, start_deviation=task.start_deviation,
                           reference=task.reference)
-    return {file: _filtered(estimator, task, file) for file in group}
+    dating = FaultOnset(estimator)
+    return {file: _filtered(dating, task, file) for file in group}
 
 
-def _filtered(estimator: Estimator, task: _Task, file: Path) -> tuple[MonitoredRecord, StateEstimate | None]:
+def _filtered(dating: FaultOnset, task: _Task, file: Path) -> tuple[MonitoredRecord, StateEstimate | None]:
     """Filter one record."""
+    estimator = dating.estimator
     record = _of_file(estimator.record, file)
     try:
         estimate = estimator.run(record)
@@ -342,6 +348,8 @@ def _filtered(estimator: Estimator, task: _Task, file: Path) -> tuple[MonitoredR
     change = find_change(estimate.time, estimate.innovations, task.rate)
     if change is None:
         return row, requested
+    with suppress(HeavebondError, np.linalg.LinAlgError):  # otherwise the time follows from the innovations alone
+        change = dating.dated(record, change)
     return replace(row, outcome=CHANGED, alarm=change.alarm, change=change.time, earliest=change.low, latest=change.high,
                    statistic=change.statistic), estimate
 
