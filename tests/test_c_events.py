@@ -109,7 +109,7 @@ def test_events_without_end_and_wrong_times_end_a_c_program_with_a_message(tmp_p
     program.advance(0.5)
     assert "before its begin" in str(program.advance(0.4))
     program.begin(taken_T_s=-1.0)
-    assert "period" in str(program.advance(0.1))
+    assert "taken.T_s is -1 s; it must be at least" in str(program.advance(0.1))
 
 
 def test_a_c_program_ends_at_a_physical_limit(tmp_path: Path) -> None:

@@ -164,3 +164,35 @@ def test_the_command_writes_fmi_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert fmpy.read_model_description("m.fmu").fmiVersion == "2.0"
     with pytest.raises(hb.UsageError, match="fmi-version"):
         export_fmu(hb.loads(PUSHED), "n.fmu", version=4)
+
+
+@pytest.mark.parametrize("version", [2, pytest.param(3, marks=pytest.mark.long)])
+def test_values_that_parameters_must_not_give_are_refused_as_in_a_run(version: int, tmp_path: Path) -> None:
+    """A stiffness that follows from parameters becomes negative: at the initialisation, and when they are set later."""
+    from fmpy.fmi1 import FMICallException
+
+    model, path = hb.loads("""
+model: stiff
+parameters: {k1: 4 kN/m, k2: 1 kN/m}
+components: {wall: {is: Fixed}, spring: {is: Spring, c: =k1 - k2}, load: {is: Mass, m: 10 kg}}
+nodes: {a: [wall.a, spring.a], load: [spring.b, load.a]}
+initial: {load.x: 1 mm, load.v: 0 m/s}
+show: {x: {is: load.x, unit: mm}}
+simulate: {until: 0.1 s, every: 10 ms}
+"""), tmp_path / "m.fmu"
+    with pytest.raises(hb.ModelError, match=r"spring.c = k1 - k2, that is -1000 N/m, is not allowed"):
+        hb.simulate(model, parameters={"k2": 5000.0})
+    export_fmu(model, path, version=version)
+    heard = list[str]()
+    logger = {"logger": lambda *words: heard.append(str(words[-1]))} if version == 3 else {}
+    for kind in ("CoSimulation", "ModelExchange"):
+        with pytest.raises(FMICallException):
+            fmpy.simulate_fmu(str(path), fmi_type=kind, stop_time=0.1, start_values={"k2": 5000.0}, **logger)
+        assert version == 2 or "spring.c is -1000 N/m; it must be at least 0 N/m" in heard[-1]
+    with opened(path, version) as (made, numbers):
+        put(made, numbers["k1"], 500.0)
+        put(made, numbers["k2"], 500.0)  # only the values at the next evaluation count
+        assert get(made, numbers["x"]) == 1
+        put(made, numbers["k2"], 5000.0)
+        with pytest.raises(FMICallException):
+            made.doStep(0.0, 0.01)

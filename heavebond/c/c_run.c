@@ -18,7 +18,7 @@ int model_advance(void *run, double until, const double *u, double *x, double *y
     now->fresh = false;
     now->history.set = true;
   }
-  if (now->starting) wrong = end_start(now);
+  if (!now->begun) wrong = end_start(now);
   if (!wrong && !(end >= now->t)) wrong = "the end of a step is before its begin";
   if (!wrong) wrong = do_step(now, end, false, &event);
   if (x) memcpy(x, now->x, sizeof(double) * model_n_x);

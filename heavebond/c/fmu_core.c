@@ -84,7 +84,7 @@ static const char *set_values(Values *now, const Reference references[], size_t 
     place = i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS];
     now->history.set = now->history.set || *place != values[k];
     *place = values[k];
-    if (i >= PARAMETERS && i < INPUTS) now->events.timed = false;
+    if (i >= PARAMETERS && i < INPUTS) now->events.timed = false, now->unchecked = now->begun;
   }
   now->fresh = false;
   return NULL;

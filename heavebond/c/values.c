@@ -20,9 +20,10 @@ typedef struct {
   double step, tolerance; /* of the integrator of co-simulation */
   bool fresh;             /* true if dx, z and y are valid for the other values */
   bool starting, own;     /* starting: the start follows parameters and inputs; own: a state was set instead */
+  bool begun, unchecked;  /* begun: the initialisation has ended; unchecked: parameters were set after it */
   Happened events;
   History history;
-  char message[model_n_m]; /* on a physical limit */
+  char message[model_n_m]; /* on a physical limit, or on the value of a parameter */
 } Values;
 
 /* a direction of all arguments, and the changes of the results along it */
@@ -67,12 +68,31 @@ static double clock_at(const Values *now, double t) { return model_n_d ? t : now
 
 #include "fmu_start.c"
 
+/* The message of the first parameter whose value, or a value that follows from it, is not allowed, or NULL. */
+static const char *refused(Values *now) {
+  double value[model_n_g + 1];
+  const double *arg[] = {now->p};
+  double *res[] = {value};
+  int k;
+  now->unchecked = model_allowed(arg, res, 0, 0, 0) != 0;
+  for (k = 0; k < model_n_g && !now->unchecked; ++k)
+    if (!(value[k] >= model_g_low[k] && value[k] <= model_g_high[k])) {
+      now->unchecked = true;
+      if (model_g_rule[k][0])
+        snprintf(now->message, sizeof now->message, "%s %.6g%s", model_g_name[k], value[k], model_g_rule[k]);
+      else snprintf(now->message, sizeof now->message, "%s", model_g_name[k]);
+      return now->message;
+    }
+  return now->unchecked ? NOT_FINITE : NULL;
+}
+
 /* Rates, outputs and algebraic unknowns of the present values; an error message, or NULL. */
 static const char *evaluate(Values *now) {
   const char *wrong;
   double t = clock_at(now, now->t);
   int k;
   if (now->fresh) return NULL;
+  if (now->unchecked && (wrong = refused(now)) != NULL) return wrong;
   if ((wrong = solve_start(now)) != NULL) return wrong;
   if (model_evaluate(t, now->x, now->z, now->p, now->u, now->dx, now->y)) {
     memcpy(now->z, model_z_start, sizeof(double) * model_n_z); /* try from the first guess, once */
@@ -124,8 +144,10 @@ static const char *directions(const Values *now, Direction *along) {
 
 /* The end of the initialisation: the start no longer changes states, parameters and inputs. */
 static const char *end_start(Values *now) {
-  const char *wrong = solve_start(now);
-  now->starting = false;
+  const char *wrong = refused(now);
+  if (!wrong) wrong = solve_start(now);
+  if (!wrong && model_n_q) wrong = refused(now); /* the start has solved for parameters */
+  now->starting = false, now->begun = true;
   return wrong;
 }
 

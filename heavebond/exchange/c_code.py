@@ -66,7 +66,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: Fixed
     functions = [exported.equations]
     if whole or steps:
         functions += [exported.directions, exported.jacobian, exported.happenings, exported.updates, exported.instants,
-                      exported.histories, exported.starting.conditions]
+                      exported.histories, exported.starting.conditions, exported.allowed]
     elif exported.stops is not None and exported.stops.size1_out(0):
         stops = exported.stops.size1_out(0)
         functions.append(exported.stops)
@@ -119,7 +119,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: Fixed
         del arrays[0]  # the sizes are in the header
         arrays += _real_time_arrays(exported, prefix, fixed)
     return "\n".join([*head, "#include <stdio.h>", used, *arrays,
-                      *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
+                      *([*_rule_arrays(exported, prefix), *_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
                          *_delay_arrays(exported, prefix, longest=not fixed)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts), *([programs] if programs else [])])
@@ -243,11 +243,26 @@ def _limit_arrays(exported: Portable, prefix: str) -> list[str]:
     texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in exported.limited]
     advice = [c_string(f"{u.plausible.beyond}.") for u in exported.limited]
     graces = [physical_grace(u, size if size > 0 else u.nominal) for u, size in zip(exported.limited, above, strict=True)]
-    longest = max((len(a) + len(b) for a, b in zip(texts, advice, strict=True)), default=0) + SPARE
+    longest = max([0, *(len(a) + len(b) for a, b in zip(texts, advice, strict=True)),
+                   *(len(c_string(rule.text + rule.rest)) for rule in exported.rules)]) + SPARE
     return [f"enum {{ {prefix}_n_l = {len(texts)}, {prefix}_n_m = {longest} }};",
             *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(entries or ['0'])}}};"
               for name, entries in (("text", texts), ("advice", advice))),
             f"static const double {prefix}_l_grace[] = {{{', '.join(map(repr, graces or [0.0]))}}};"]
+
+
+def _rule_arrays(exported: Portable, prefix: str) -> list[str]:
+    """The bounds of the values of `allowed`, and the parts of their messages."""
+    def number(value: float) -> str:
+        return repr(value) if np.isfinite(value) else f"{'-' if value < 0 else ''}INFINITY"
+
+    bounds = {"low": [rule.low for rule in exported.rules], "high": [rule.high for rule in exported.rules]}
+    texts = {"name": [rule.text for rule in exported.rules], "rule": [rule.rest for rule in exported.rules]}
+    return [f"enum {{ {prefix}_n_g = {len(exported.rules)} }};",
+            *(f"static const double {prefix}_g_{name}[] = {{{', '.join(map(number, values or [0.0]))}}};"
+              for name, values in bounds.items()),
+            *(f"static const char *const {prefix}_g_{name}[] = {{{', '.join(map(c_string, values or ['']))}}};"
+              for name, values in texts.items())]
 
 
 def _event_arrays(exported: Portable, prefix: str) -> list[str]:

@@ -21,6 +21,7 @@ from heavebond.core.presentation import brief, count
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import DelayedVariable, unclocked
+from heavebond.equations.parameters import with_declaration
 from heavebond.equations.reduce import reduce
 from heavebond.equations.resolver import Unknown
 from heavebond.equations.time_conditions import NEVER
@@ -28,6 +29,7 @@ from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
+from heavebond.language.values import bounds_text
 from heavebond.numerics.co_simulation import foreign_parts
 from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, Size, assemble, build, from_begin, measured_rows
 from heavebond.numerics.forcing import Forcing, switch_arguments
@@ -84,6 +86,17 @@ class StartConditions:
 
 
 @dataclass(frozen=True)
+class Rule:
+    """The admissible values (SI) of a quantity that follows from parameters: with `low` and `high`, a message is `text`, the
+    value and `rest`. A requirement of a component has the value 1 if it is met, and no `rest`."""
+
+    low: float
+    high: float
+    text: str
+    rest: str = ""
+
+
+@dataclass(frozen=True)
 class Portable:
     """The exported equations: `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
     direction of each) -> the directional derivative of (x', y, g, indicators), and `jacobian` (t, x, z, p, u) -> the
@@ -96,8 +109,9 @@ class Portable:
     values of all resets (see `numerics.update_order`), and `instants` p -> (first instants, periods). `stops` is p ->
     the instants at which an integrator stops for functions of time; `limits` (t, x, z, p, u) -> the distance of the
     variables `limited` from their physical limits, and the time; `histories` (t, x, z, p, u) -> (sources of the delayed
-    variables, their delays). After the inputs, u has the rows of each delayed variable (see `substitute_inputs`) and,
-    with delays, the time of the begin: t then counts from it, so that their history is not rounded far from 0."""
+    variables, their delays); `allowed` p -> the values that have `rules`. After the inputs, u has the rows of each delayed
+    variable (see `substitute_inputs`) and, with delays, the time of the begin: t then counts from it, so that their history
+    is not rounded far from 0."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -116,6 +130,8 @@ class Portable:
     starting: StartConditions
     limits: ca.Function
     histories: ca.Function
+    allowed: ca.Function
+    rules: tuple[Rule, ...]
 
     def __repr__(self) -> str:
         return brief(self, self.name, f"{count(len(self.states), 'state')}, {count(len(self.inputs), 'input')}, "
@@ -327,13 +343,32 @@ def _portable(assembly: Assembly, column: Array, prefix: str, locals: Sequence[s
             [event.first for event in flat.events], [event.period for event in flat.events])])
     histories = ca.Function(f"{prefix}histories", arguments, ca.cse([ca.densify(side) for side in right[9:11]]))
     starting = _start_conditions(assembly, first, column, symbols, arguments, counted, f"{prefix}starting")
+    values, rules = _rules(assembly)
+    allowed = ca.Function(f"{prefix}allowed", [p], ca.cse([ca.densify(values)]))
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
                     tuple(_input(assembly, k, order, column) for k, order in kept_inputs),
                     tuple(_outputs(assembly, output_names, outputs, first, column)), equations, directions, by_all,
                     happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits,
-                    histories, locals=len(hidden))
+                    histories, allowed, rules, locals=len(hidden))
+
+
+def _rules(assembly: Assembly) -> tuple[ca.SX, tuple[Rule, ...]]:
+    """The values that follow from parameters and have bounds, or are requirements of components, with their rules."""
+    flat, limits = assembly.flat, assembly.flat.limits
+    bounded = [(name, q) for name, q, _ in with_declaration(flat.expanded) if q.low is not None or q.high is not None]
+    checks = [(flat.constants[name], Rule(float(low), float(high), f"{name} is", f" {q.unit.text}".removesuffix(" 1")
+                                          + f"; it must be {bounds_text(q)}"))
+              for (name, q), low, high in zip(bounded, limits.low, limits.high, strict=True)]
+    for path, template in flat.templates.items():
+        leaf = flat.expanded.leaves[path]
+        if leaf.component.requires:
+            truths = template.requirements(stack(flat.constants[f"{path}.{name}"] for name in template.parameters))
+            checks += [(truth, Rule(0.5, inf, f"'{path}' ({leaf.component.name}) requires {formula.text}"))
+                       for truth, formula in zip(split(truths), leaf.component.requires, strict=True)]
+    checks = [(value, rule) for value, rule in checks if ca.symvar(value)]
+    return stack(value for value, _ in checks), tuple(rule for _, rule in checks)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], arguments: list[ca.SX],
