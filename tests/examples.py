@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -46,9 +47,15 @@ class Case:
     begin: float = 0.0
 
 
+@lru_cache(maxsize=16)  # the cases of an example follow each other
+def run_of(example: str) -> hb.Result:
+    """The run of an example as its file describes it."""
+    return hb.simulate(hb.load(FOLDER / f"{example}.yaml"))
+
+
 def check(case: Case) -> None:
     """Run the example and compare."""
-    result = hb.simulate(hb.load(FOLDER / f"{case.example}.yaml"))
+    result = run_of(case.example)
     late = result.time >= case.begin - 1e-12
     expected = np.broadcast_to(case.expected(result.time[late]), late.sum())
     size = float(np.abs(expected).max())

@@ -285,7 +285,8 @@ def test_the_page_holds_what_it_needs(motion: Motion) -> None:
     assert isinstance(solids, list) and json.dumps(solids)
 
 
-@pytest.mark.parametrize("name", ["vessel_crane", pytest.param("landing_crane", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["vessel_crane", "landing_crane"])
 def test_the_view_of_the_crane_names_what_it_has(name: str) -> None:
     """Its run takes several seconds."""
     assembly = hb.assemble(hb.load(f"spatial/{name}"))

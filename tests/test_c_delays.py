@@ -173,6 +173,7 @@ simulate: {until: 0.9 s, every: 0.3 s%s}
     assert program.advance(0.9)[0] == pytest.approx(0.004 / np.sqrt(np.pi), rel=1e-4)
 
 
+@pytest.mark.long
 def test_the_command_says_that_model_exchange_has_no_history(tmp_path: Path) -> None:
     (tmp_path / "loop.yaml").write_text(CASES["step"], encoding="utf-8")
     said = CliRunner().invoke(main, ["export", str(tmp_path / "loop.yaml"), "-o", str(tmp_path / "m.fmu")]).output

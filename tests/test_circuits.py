@@ -20,6 +20,8 @@ SLOW = {
     "hydraulic_winch", "pneumatic_hammer", "positioning_servo", "pwm_drive", "sliding_door", "vibrating_conveyor",
     "load_sensing", "gripper", "power_pack", "tipper", "water_hammer", "intensifier", "log_splitter",
 }
+LONG = {"clamp", "excavator_boom_drop", "hydrostatic_swing", "pile_driver", "pneumatic_stopper", "press", "regenerative",
+        "scissor_lift", "sequence"}
 
 
 def disc(d: float) -> float:
@@ -154,7 +156,9 @@ def test_every_circuit_has_a_check() -> None:
     assert sorted(CHECKS) == sorted(p.stem for p in FOLDER.glob("*.yaml")) and len(CHECKS) == 40
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in sorted(CHECKS)])
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow]*(name in SLOW) + [pytest.mark.long]*(name in LONG))
+    for name in sorted(CHECKS)])
 def test_a_circuit_of_library_parts_runs_to_its_end(name: str) -> None:
     ran = Ran(name)
     assert ran.run.time[-1] == pytest.approx(grid(ran.run.assembly.model, None, None)[-1])

@@ -733,6 +733,7 @@ simulate: {until: 5 s, every: 10 ms}
 """
 
 
+@pytest.mark.long
 def test_a_table_of_gains_has_the_margins_at_its_points_and_between_them(tmp_path: Path) -> None:
     """Gains that are proportional to the load are linear between the points: the margins are equal everywhere."""
     path = tmp_path / "scheduled.yaml"

@@ -13,10 +13,12 @@ from benchmarks.diagnosis import beyond, integrating, several
 from benchmarks.diagnosis.beds import Bed, Effect, judged, level, misfits, write
 
 BEDS = {**several.BEDS, **beyond.BEDS, **integrating.BEDS}
+LONG = {"vessels", "clamp", "tank_chain"}  # of these, so that every run has two
 QUICK = {"feed_line", "vessels", "board", "clamp", "tank_chain"}  # about a second each; the others up to four
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BEDS])
+@pytest.mark.parametrize("name", [
+    pytest.param(n, marks=[pytest.mark.long]*(n in LONG) + [pytest.mark.slow]*(n not in QUICK)) for n in BEDS])
 def test_the_declared_effects_of_a_bed_show_in_its_records(name: str, tmp_path: Path) -> None:
     bed = BEDS[name]
     misfit, shares = misfits(bed)

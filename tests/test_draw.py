@@ -227,6 +227,7 @@ def without_places(sheet: Sheet) -> Sheet:
     return replace(sheet, parts={name: replace(part, at=None, turn=None) for name, part in sheet.parts.items()})
 
 
+@pytest.mark.long
 @for_each("name", UP_AND_DOWN)
 def test_without_places_supplies_are_above_or_on_the_left_and_grounds_not_above(name: str) -> None:
     """The wire of a source leaves to the right or downwards, that of a ground, a tank or a fixed point not downwards, and

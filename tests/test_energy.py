@@ -113,7 +113,7 @@ def test_parameters_and_assemblies_are_taken_as_by_simulate() -> None:
 
 
 @pytest.mark.parametrize("name", ["passive_rig", "passive_rig/passive_rig_friction", "cylinder_rig", "receiver_rig",
-                                  "emps", "cascaded_tanks", "cmc_ahc"])
+                                  "emps", "cascaded_tanks", pytest.param("cmc_ahc", marks=pytest.mark.long)])
 def test_bundled_machines_close(name: str) -> None:
     found = audit(hb.load(name)).raise_if_open(1e-6)
     assert found.nodes < 1e-12

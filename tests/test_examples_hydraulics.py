@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import test_library_lines as lines
 import test_library_valves as valves
+from examples import run_of
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
@@ -182,7 +183,7 @@ CASES = [
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}: {case.signal} at {case.time}")
 def test_example(case: Case) -> None:
-    run = hb.simulate(hb.load(f"examples/{case.example}"))
+    run = run_of(case.example)
     found = float(np.interp(case.time, run.time, run.display[case.signal]))
     assert found == pytest.approx(case.expected, rel=case.tolerance, abs=1e-15), case.reason
 
@@ -222,11 +223,14 @@ def dormant() -> list[tuple[str, str, str]]:
     return found
 
 
-@pytest.mark.parametrize(("example", "part", "parameter"), dormant())
+# two lines of many segments are run for 4 s each
+@pytest.mark.parametrize(("example", "part", "parameter"), [
+    pytest.param(*case, marks=pytest.mark.long) if case[0] in ("dynamic_line", "transmission_line") else case
+    for case in dormant()])
 def test_what_sleeps_in_a_component_wakes_in_its_example(example: str, part: str, parameter: str) -> None:
     model = hb.load(f"examples/{example}")
     value = AWAKE.get(f"{example}.{parameter}", AWAKE.get(parameter))
-    plain, awake = hb.simulate(model), hb.simulate(model.with_parameters({f"{part}.{parameter}": value}))
+    plain, awake = run_of(example), hb.simulate(model.with_parameters({f"{part}.{parameter}": value}))
     # of all variables: between two supplies, or where it is the same on both sides, what is shown may well stay
     changed = [np.abs(awake[name] - plain[name]).max()/(np.abs(plain[name]).max() or u.nominal)
                for u in plain.assembly.flat.unknowns for name in (u.name,)]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from collected import partly
 
 import heavebond as hb
 from heavebond import cli
@@ -102,7 +103,7 @@ when:
 """
 
 
-@pytest.mark.parametrize("solver", GROWTH)
+@pytest.mark.parametrize("solver", partly(GROWTH, 3))
 def test_events_happen_at_the_ends_of_steps(solver: str) -> None:
     """A relay between -1 and 1 of a lag: its events are at multiples of the step, its samples at their instants, and the
     error is of the size of the step."""

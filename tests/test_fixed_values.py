@@ -68,6 +68,7 @@ def test_parameters_of_the_diagram_are_tried(experiment: Path) -> None:
     assert found["m_load"].where == ("load", "weight") and found["m_load"].numbers[0].neutral == 400
 
 
+@pytest.mark.long
 def test_a_model_that_runs_away_is_fitted_and_diagnosed(experiment: Path) -> None:
     """60 kg too little lift it by tens of metres: more than ten thousand standard deviations, and a run for all that."""
     fitted = hb.fit(experiment)

@@ -122,6 +122,7 @@ def test_a_bump_at_a_place_is_met_at_constant_speed_and_acceleration(formula: st
     assert largest("car.x") == pytest.approx(by_time, rel=1e-3)  # the extremes are those of steps
 
 
+@pytest.mark.long
 def test_a_fit_follows_a_pulse_whose_time_is_free(tmp_path: Path) -> None:
     """A pulse of 1 s in an hour, recorded every 20 s: its time differs from that of the diagram by 67 s."""
     for formula in ("1 kN*exp(-((time - t_0)/(0.3 s))**2)", "max(0 N, 1 kN*(1 - abs(time - t_0)/(0.5 s)))"):

@@ -106,6 +106,7 @@ def test_four_bar_turning() -> None:
     audit(model("four_bar_turning")).raise_if_open(SMALL)
 
 
+@pytest.mark.long
 def test_parallelogram() -> None:
     """The crank reaches the line at a known angle, and there the run ends with what is wrong."""
     with pytest.raises(hb.SimulationError) as caught:

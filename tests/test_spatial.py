@@ -305,6 +305,7 @@ simulate: {until: 1 s, every: 20 ms}
 """
 
 
+@pytest.mark.long
 def test_a_bennett_linkage() -> None:
     """tan(theta_1/2) tan(theta_2/2) = sin((beta + alpha)/2)/sin((beta - alpha)/2) (G. T. Bennett, Engineering 76 (1903)
     777), and opposite joints turn alike. Hinges alone would constrain it three times too often: one is a sleeve that does

@@ -129,7 +129,7 @@ simulate: {from: 3 s, until: 5 s, every: 0.1 s}
     assert hb.simulate(model).si["y"] == pytest.approx(exact[:21], abs=1e-5)
 
 
-@pytest.mark.parametrize("solver", ["idas", "cvodes", "rosenbrock"])
+@pytest.mark.parametrize("solver", ["idas", "cvodes", pytest.param("rosenbrock", marks=pytest.mark.long)])
 def test_steps_are_not_rounded_to_the_times_of_a_unix_clock(solver: str) -> None:
     """A body of 1 kg at 50 Hz, whose steps of some 10 us are 40 spacings of the numbers at 1.4e9 s, driven at 10 Hz."""
     k, w, t_0 = (2 * np.pi * 50)**2, 2 * np.pi * 10, 1.4e9

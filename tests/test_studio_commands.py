@@ -205,6 +205,7 @@ def test_records_of_the_folder_are_monitored(tmp_path: Path) -> None:
     assert (folder / "rig_monitor" / "softer.png").is_file()
 
 
+@pytest.mark.long
 def test_an_export_is_written_into_the_folder_and_a_picture_is_returned(car: Path) -> None:
     with confined(car.parent):
         told = run_command(car, {"command_line": LINE, "command": "export", "format": "c"}, car.parent)

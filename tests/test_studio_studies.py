@@ -80,6 +80,7 @@ def test_a_study_is_run_in_the_page_with_the_figures_of_the_command(tab: browser
     assert tab.complaints == []
 
 
+@pytest.mark.long
 def test_a_report_is_served_alone_in_its_origin(server: Server) -> None:
     (server.folder / "rig_report.html").write_text("<!DOCTYPE html><title>report</title>", encoding="utf-8")
     with urllib.request.urlopen(f"{server.address}reports/rig_report.html") as answer:

@@ -98,6 +98,7 @@ def test_wrong_usage_is_told(folder: Path, arguments: tuple[str, ...], code: str
     assert problems[0]["hint"]
 
 
+@pytest.mark.long
 def test_a_study_is_tuned_with_its_surroundings(folder: Path) -> None:
     _study(folder, STUDY)
     code, told = _told(folder, "landing.yaml", "--free", "spring.c=0.5 .. 2 kN/m", "--sweep", "3", "--output", "surface.png",

@@ -191,6 +191,7 @@ def test_a_case_that_cannot_be_is_a_row(folder: Path) -> None:
     assert set(problems) == {(True, "damper.d "), (False, "")}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(program() is None, reason="no C compiler, or a CasADi with another SUNDIALS")
 def test_cases_that_share_their_equations(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A study of many cases gives what each case gives by itself, to the tolerance of the solvers, with the same problems;
@@ -317,7 +318,8 @@ def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_re
 
 
 @pytest.mark.parametrize(("kind", "pictures"), [
-    ("sobol_indices:8", {"histogram", "indices"}), ("local", {"indices", "tornado"}), ("one_at_a_time", {"tornado"})])
+    pytest.param("sobol_indices:8", {"histogram", "indices"}, marks=pytest.mark.long), ("local", {"indices", "tornado"}),
+    pytest.param("one_at_a_time", {"tornado"}, marks=pytest.mark.long)])
 def test_pictures_of_samples(folder: Path, kind: str, pictures: set[str]) -> None:
     code, told = _called("sweep", "isolator.yaml", "--over", "spring.c=40 kN/m +- 20 %", "--over", "f=1 Hz, 2 Hz",
                          "--measure", "rms(motion)", "--sample", kind, "--until", "1 s", "--processes", "1")

@@ -118,6 +118,7 @@ def test_a_damping_that_differs_between_two_fitted_records_is_named_and_written(
     assert any("1.6 times as large in record b as in record a" in word for word in diagnosis.words)
 
 
+@pytest.mark.long
 def test_a_damping_that_is_larger_in_the_held_out_record_is_stated(tmp_path):
     diagnosis = found(records(tmp_path, ("", "set: {damper.d: 96 N*s/m}\n")))
     assert diagnosis.verdict == "effect" and diagnosis.findings[0].candidate.change.each.keys() == {"damper.d"}
