@@ -220,3 +220,38 @@ nodes: {rod: [drive.a, damper.b], frame: [frame.a, damper.a]}
         np.savetxt(tmp_path / f"{name}.csv", np.column_stack([t, v, F]), delimiter=",", header="t,v,F", comments="")
     plain = with_noise(hb.load_experiment(tmp_path / "vessel_records.yaml"))
     assert with_horizons(plain, {}) is plain
+
+
+SLED = """
+model: sled
+components:
+  push: {is: ForceSource, u: 0 N}
+  sled: {is: Mass, m: 10 kg}
+  DAMPER
+nodes: {sled: [push.a, sled.a END}
+initial: {sled.x: 0 m, sled.v: 0 m/s}
+"""
+
+
+@pytest.mark.parametrize(("damping", "count"), [(0.0, 2), (0.025, 2), (5.0, 1)])
+def test_a_sled_carries_its_position_and_without_much_friction_its_speed_too(tmp_path: Path, damping: float, count: int
+                                                                             ) -> None:
+    """A force of 1 mN that the diagram lacks. The speed decays in m/d = 400 s or 2 s of a record of 200 s. An error of the
+    speed and of the position cancel each other at some time, but neither decays."""
+    t = np.arange(0, 200, 0.5)
+    law = f"ice: {{is: Damper, d: {damping} N*s/m}}\n  frame: {{is: Fixed}}" if damping else ""
+    model = SLED.replace("DAMPER", law).replace(" END", ", ice.b], frame: [ice.a, frame.a]" if damping else "]")
+    (tmp_path / "sled.yaml").write_text(model)
+    (tmp_path / "truth.yaml").write_text(model.replace("u: 0 N", 'u: "=1 N*cos(2*pi*time/10 s) + 0.001 N"'))
+    x = np.asarray(hb.simulate(tmp_path / "truth.yaml", until=199.5, every=0.5)["sled.x"])
+    x = x + NOISE * np.random.default_rng(1).standard_normal(len(t))
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.cos(2*np.pi*t/10), x]), delimiter=",", header="t,u,x", comments="")
+    (tmp_path / "e.yaml").write_text("""experiment: sled
+model: sled.yaml
+records: {a: {file: a.csv, use: fit}}
+time: {column: t, unit: s}
+inputs: {push.u: {column: u, unit: N, interpolation: spline}}
+outputs: {sled.x: {column: x, unit: m, noise: 1 mm}}
+""")
+    cut = with_horizons(with_noise(hb.load_experiment(tmp_path / "e.yaml")), {})
+    assert cut.horizons["a"].responses.shape[2] == count

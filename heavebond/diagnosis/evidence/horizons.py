@@ -6,14 +6,16 @@ the law or not. The drift is therefore not evidence for a law. With the linear s
 
     dx_(i+1) = phi_i dx_i,      dy_i = C_i dx_i,
 
-a direction of dx(0) is carried if its influence on the channels does not decay and does not swing about zero: the last third
-of the record has at least the share `CARRIED` of its energy, and a parabola over time has at least the share `TREND` of the
-energy there, unless the influence grows (share `GROWING`). An oscillator with little damping swings about zero. It adds up
+a direction of dx(0) is carried if the error of the state does not decay and its influence on the channels does not swing
+about zero. It is in the invariant subspace of phi, over the whole record, for the eigenvalues of at least `CARRIED`, and a
+parabola over time has at least the share `TREND` of the energy of its influence in the last third of the record, unless the
+influence grows (share `GROWING` of the energy there). A cart without friction carries its position and its speed, although
+the influences of both may cancel each other at some time. An oscillator with little damping swings about zero. It adds up
 nothing, and its decay shows only over many periods, so that segments would hide the law that is missing. The record is cut
-into segments. The part of each residual along the carried directions at
-the beginning of each segment is removed, with the same part of all derivatives. This equals multiple shooting with free
-initial values of these directions in each segment (H. G. Bock, K. J. Plitt, 1984, doi:10.1016/S1474-6670(17)61205-9),
-eliminated to first order (variable projection: G. Golub, V. Pereyra, 1973, doi:10.1137/0710036).
+into segments. The part of each residual along the carried directions at the beginning of each segment is removed, with the
+same part of all derivatives. This equals multiple shooting with free initial values of these directions in each segment (H.
+G. Bock, K. J. Plitt, 1984, doi:10.1016/S1474-6670(17)61205-9), eliminated to first order (variable projection: G. Golub, V.
+Pereyra, 1973, doi:10.1137/0710036).
 
 A segment is as long as the motion: `PERIODS` correlation times of the rate of the channels that carry the error. The
 records are cut only if the carried errors are at least the share `DRIFT` of the misfit of the fitted base model.
@@ -39,11 +41,11 @@ from heavebond.numerics.dae import Array
 
 # TREND: a sine has less than half from half a period on. GROWING: a constant influence has 1/3, one that grows with the
 # square of time 0.87.
-# CARRIED: a constant has 1/3, an error that decays with 1.6 record lengths 0.2. PERIODS: a sine has a correlation time of a
+# CARRIED: a constant has 1, an error that decays with 1.4 record lengths 0.5. PERIODS: a sine has a correlation time of a
 # fifth of its period. SEGMENTS: of all fitted records; fewer show hardly less drift. SAMPLES: of each channel in a segment,
 # for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
 # ABOVE_NOISE: variance of a change in noise variances; the noise of both readings is then a tenth of it.
-CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN, ABOVE_NOISE = 0.2, 5.0, 3, 20, 0.5, 1e-6, 20.0
+CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN, ABOVE_NOISE = 0.5, 5.0, 3, 20, 0.5, 1e-6, 20.0
 TREND, GROWING = 0.5, 0.95
 LARGE = 1e100  # beyond it a response is cut off: its square is still a number
 
@@ -104,28 +106,43 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
     response = np.clip(np.nan_to_num(_responses(model, np.eye(n), np.zeros(len(model.time), np.int64))), -LARGE, LARGE)
     if not n:  # a machine without states
         return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, np.eye(0))
-    flat = response.reshape(-1, n)
+    place, channel = np.nonzero(model.used)
+    flat = response[place, channel]
     size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1 / LARGE))
-    basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
-    observable = sizes > SEEN * sizes[0]
-    last = basis[2 * len(flat) // 3:, observable]
-    courses, shares, within = np.linalg.svd(last, full_matrices=False)
-    lasting = shares**2 >= CARRIED
-    slow = within[lasting].T / shares[lasting]  # of the unit influences `courses`
-    if slow.shape[1]:
-        slow = slow @ _trends(courses[:, lasting], model.time, model.c.shape[1], shares[lasting]**2 >= GROWING)
-    carried = (directions[observable].T / sizes[observable]) @ slow / size[:, None]
+    _, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
+    seen = directions[sizes > SEEN * sizes[0]].T  # of the scaled states, the observable ones
+    through = np.eye(n)
+    for step in model.phi:
+        through = np.clip(np.nan_to_num(step[:, :n] @ through), -LARGE, LARGE)
+    lasting = seen @ _lasting(seen.T @ (size[:, None] * through / size) @ seen)
+    if not lasting.shape[1]:
+        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, lasting)
+    whole = flat / size @ lasting
+    last = slice(2 * len(flat) // 3, None)
+    courses, shares, within = np.linalg.svd(whole[last], full_matrices=False)
+    visible = shares > SEEN * shares[0]
+    slow = within[visible].T / shares[visible]  # of the unit influences `courses`
+    growing = 1 / np.maximum(((whole @ slow)**2).sum(axis=0), 1.0) >= GROWING
+    slow = slow @ _trends(courses[:, visible], model.time[place[last]], channel[last], growing)
+    carried = lasting @ slow / size[:, None]
     return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, carried)
 
 
-def _trends(courses: Array, time: Array, channels: int, growing: NDArray[np.bool_]) -> Array:
-    """Directions (k, d) of the orthonormal influences `courses` (j, k) on the channels at the last times, of which a
-    parabola in each channel has the share `TREND`, or the influences that are `growing`. `time` (N,) are the times (s) of
-    the record; the rows of `courses` are the channels at one time after the other."""
-    rows = np.arange(len(time) * channels - len(courses), len(time) * channels)
-    x = time[rows // channels] - time[-1]
+def _lasting(through: Array) -> Array:
+    """Orthonormal basis (n, k) of the invariant subspace of a matrix (n, n) for its eigenvalues of at least `CARRIED`."""
+    from scipy.linalg import schur
+
+    _, basis, k = schur(through, output="real", sort=lambda real, imaginary: np.hypot(real, imaginary) >= CARRIED)
+    return np.asarray(basis[:, :k])
+
+
+def _trends(courses: Array, time: Array, channel: NDArray[np.int64], growing: NDArray[np.bool_]) -> Array:
+    """Directions (k, d) of the orthonormal influences `courses` (j, k) on the last samples, of which a parabola in each
+    channel has the share `TREND`, or the influences that are `growing`. `time` (j,) and `channel` (j,) are the times (s) and
+    the channels of the samples."""
+    x = time - time[-1]
     x = x / max(-float(x[0]), 1e-300)
-    powers = np.stack([np.where(rows % channels == c, x**n, 0.0) for c in range(channels) for n in range(3)], axis=1)
+    powers = np.stack([np.where(channel == c, x**n, 0.0) for c in np.unique(channel) for n in range(3)], axis=1)
     basis, sizes, _ = np.linalg.svd(powers, full_matrices=False)
     in_trend = basis[:, sizes > SEEN * sizes[0]].T @ courses
     _, shares, directions = np.linalg.svd(np.concatenate([in_trend, np.diag(growing.astype(float))]), full_matrices=False)
