@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from heavebond.numerics.forcing import FORCING, Forcing, _longest
 from heavebond.numerics.machine_code import compiler
 from heavebond.numerics.quick_simulation import FitSimulator, QuickSimulator
 from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.time_search import constant_rows
 
 # a wheel at rest meets a bump of 30 mm after 40 s; the car has passed it in 0.3 s
 LATE = """
@@ -70,6 +72,26 @@ def test_a_wave_limits_no_step_that_a_solver_would_take(late: hb.Assembly) -> No
     steps = np.vstack([np.tanh(time - 50), time, np.ones_like(time)])  # what stays changed is always noticed
     assert _longest(steps, 0.05) == 0.0
     assert FORCING.share == 0.05
+
+
+def test_a_function_that_is_constant_except_for_rounding_limits_no_step() -> None:
+    """The turn of a hinge at constant speed gives such functions, as sums of products of half angles and their quotients. A
+    peak and a small motion next to a large one are not constant."""
+    t, p = ca.SX.sym("t"), ca.SX.sym("p")
+    c, s = ca.cos(p * t), ca.sin(p * t)
+    one = 3 + ca.sin(2 * p * t) - 2 * c * s
+    rows = [one, 20 / one, c / one * one - c, c, one + 1e-9 * s, 1 + ca.exp(-((t - 5) / 1e-6)**2), 1 / one + ca.tanh(t - 5)]
+    assert constant_rows(ca.Function("f", [t, p], [ca.vertcat(*rows)]), np.array([0.8]), 0.0, 1e4).tolist() == \
+        [True, True, True, False, False, False, False]
+    pushed = hb.assemble(hb.loads("""
+model: pushed
+parameters: {w: 1.7 rad/s}
+components: {push: {is: ForceSource, u: "=5 N/(3 + sin(2*w*time) - 2*sin(w*time)*cos(w*time))"}, load: {is: Mass, m: 1 kg}}
+nodes: {load: [push.a, load.a]}
+simulate: {until: 50 s}
+"""))
+    stops = Forcing(pushed).stops(np.linspace(0, 50, 5001), pushed.p)
+    assert stops.longest == 0 and not len(stops.times) and not stops.unknown
 
 
 def test_what_is_at_rest_or_driven_by_states_has_no_limit() -> None:

@@ -22,7 +22,7 @@ from heavebond.language.incidence import STEPS
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.interval_functions import operation
-from heavebond.numerics.time_search import Course, rounding, short_motions, sign_changes, straight_sign_changes
+from heavebond.numerics.time_search import Course, constant_rows, rounding, short_motions, sign_changes, straight_sign_changes
 
 MOST_BRANCHES = 16  # expressions that one value of a function of time may be, by the branches of its conditions
 STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_COSH, ca.OP_SINH, ca.OP_ERF,
@@ -166,7 +166,11 @@ class Forcing:
             return 0.0
         felt = self.felt(p, times[0], x)
         values = np.asarray(self._functions(times[None, :], np.repeat(felt[:, None], len(times), axis=1)))
-        return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
+        finite, interval = np.all(np.isfinite(values), axis=1), float(np.median(np.diff(times)))
+        limit = _longest(values[finite], interval)
+        if limit:  # rounding does not count
+            limit = _longest(values[finite & ~constant_rows(self._functions, felt, times[0], times[-1])], interval)
+        return limit
 
     def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
         """The stops and the longest step that the functions of time require between these output times (N,) with these

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from heavebond.core.errors import listing
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array
-from heavebond.numerics.interval_functions import bounds_function
+from heavebond.numerics.interval_functions import bounds_function, operation
 
+ENTIRE = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_DIV}
 LONGEST_TEXT = 80  # of a function of time in a message, in characters
 
 
@@ -39,6 +40,10 @@ class TimeSearchConstants:
     most_stops: points of short motions above which the steps are limited in their place. Origin: at each point an integrator
         begins anew, which takes some ten steps. Doubled: a fast sine with few output points takes up to twice as long.
     most_steps: steps that a limit may ask for in a run. Origin: a minute of processor time. Doubled: twice that.
+    samples: times at which a sum of sines and powers is compared with a constant. Origin: many more than such a sum may have
+        zeros by chance. Doubled: nothing measurable.
+    rounded: range of such a sum, over the size of its terms, below which it is constant. Origin: the rounding of some
+        thousand operations. Doubled: nothing measurable.
     """
 
     share: float = 0.05
@@ -48,6 +53,8 @@ class TimeSearchConstants:
     best_first: int = 64
     most_stops: int = 1000
     most_steps: int = 5_000_000
+    samples: int = 101
+    rounded: float = 1e-12
 
 
 TIME_SEARCH = TimeSearchConstants()
@@ -69,7 +76,7 @@ class Course:
 
     def __init__(self, time: ca.SX, p: ca.SX, rows: list[ca.SX]):
         self.m, self._rows, self._given = len(rows), rows, [time, p]
-        self._value = ca.Function("value", self._given, [stack(rows)])
+        self.value = ca.Function("value", self._given, [stack(rows)])
         self._bounds: dict[int, ca.Function] = {}  # of the derivatives by their order, as far as they were asked for
 
     def texts(self, rows: NDArray[np.intp]) -> list[str]:
@@ -80,7 +87,7 @@ class Course:
 
     def at(self, times: Array, p: Array) -> Array:
         """The values (m, N) at times (N,)."""
-        return np.array(self._value(times[None, :], p)).reshape(self.m, len(times))
+        return np.array(self.value(times[None, :], p)).reshape(self.m, len(times))
 
     def bounds(self, order: int, begin: Array, end: Array, p: Array) -> tuple[Array, Array]:
         """The bounds (m, N) of the derivatives of an order inside of intervals (N,)."""
@@ -95,6 +102,70 @@ class Course:
         return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 
 
+def constant_rows(function: ca.Function, p: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    """True for each row (m,) of a function f(t, p) that is constant between two times except for rounding, as the square of
+    the norm of a quaternion that turns at constant speed. Interval bounds cannot show this: they take both terms of a
+    difference as independent.
+
+    An entire function, a sum of products of sines and powers, is constant if its values at many times agree. Quotients count
+    if their divisor is constant. Other functions may have narrow peaks between the times and do not count."""
+    times = begin + (end - begin) * np.mod(0.5 + 0.6180339887498949 * np.arange(TIME_SEARCH.samples), 1)
+    result = np.zeros(function.size1_out(0), dtype=bool)
+    # the value of each intermediate result, or its values at the times, and the size of its terms; nothing if not entire
+    work: dict[int, tuple[Array, float]] = {}
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
+        if op == ca.OP_OUTPUT:
+            result[outputs[1]] = inputs[0] in work and work[inputs[0]][0].ndim == 0
+            continue
+        if op in (ca.OP_INPUT, ca.OP_CONST):
+            value = np.asarray(function.instruction_constant(k) if op == ca.OP_CONST else
+                               times if inputs[0] == 0 else p[inputs[1]], dtype=float)
+            work[outputs[0]] = value, float(np.abs(value).max())
+            continue
+        args = [work[i] for i in inputs if i in work]
+        for place in outputs:
+            work.pop(place, None)
+        if op == ca.OP_CALL or len(args) < len(inputs):
+            continue
+        values, sizes = zip(*args, strict=True)
+        if all(v.ndim == 0 for v in values):
+            value = np.asarray(float(operation(op, [ca.SX(float(v)) for v in values])))
+            work[outputs[0]] = value, abs(float(value))
+        elif op in ENTIRE and not (op == ca.OP_DIV and values[1].ndim):
+            value, size = _entire(op, values, sizes)
+            constant = bool(np.ptp(value) <= TIME_SEARCH.rounded * size)
+            work[outputs[0]] = (np.asarray(value.mean()) if constant else value), size
+    return result
+
+
+def _entire(op: int, values: tuple[Array, ...], sizes: tuple[float, ...]) -> tuple[Array, float]:
+    """The values and the size of the terms of one operation of `ENTIRE`."""
+    (a, b), (s, r) = (values[0], values[-1]), (sizes[0], sizes[-1])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        match op:
+            case ca.OP_ADD:
+                return a + b, max(s, r)
+            case ca.OP_SUB:
+                return a - b, max(s, r)
+            case ca.OP_MUL:
+                return a * b, s * r
+            case ca.OP_DIV:
+                return a / b, s / abs(float(b)) if float(b) else np.inf
+            case ca.OP_SQ:
+                return a * a, s * s
+            case ca.OP_SIN:
+                return np.sin(a), 1.0
+            case ca.OP_COS:
+                return np.cos(a), 1.0
+            case ca.OP_NEG:
+                return -a, s
+            case ca.OP_TWICE:
+                return 2 * a, 2 * s
+            case _:
+                return a, s
+
+
 def rounding(times: Array) -> Array:
     """The distance within which two times are one."""
     return np.asarray(TIME_SEARCH.roundings * np.spacing(np.abs(times)))
@@ -104,9 +175,10 @@ def sign_changes(course: Course, p: Array, edges: Array) -> Instants:
     """The times at which one of the functions changes its sign between the first and the last of the edges (n,), to
     rounding.
     Kinks that are known are given as edges."""
-    m, zeros = course.m, list[Array]()
-    begin, end = (np.tile(e, m) for e in (edges[:-1], edges[1:]))
-    row = np.repeat(np.arange(m), len(edges) - 1)
+    moving = np.flatnonzero(~constant_rows(course.value, p, edges[0], edges[-1]))
+    zeros = list[Array]()
+    begin, end = (np.tile(e, len(moving)) for e in (edges[:-1], edges[1:]))
+    row = np.repeat(moving, len(edges) - 1)
     unknown, spent = np.zeros(0, dtype=np.intp), 0
     while len(row):
         spent += len(row)
@@ -178,6 +250,8 @@ def short_motions(course: Course, p: Array, times: Array, edges: Array) -> Narro
     low, high = course.bounds(2, begin, end, p)
     bend = np.maximum(-low, high).max(axis=1)
     rows = np.flatnonzero(~(bend * interval**2 / 8 <= TIME_SEARCH.share * (most - least)))
+    if len(rows):
+        rows = rows[~constant_rows(course.value, p, edges[0], edges[-1])[rows]]
     if not len(rows):
         return Narrow(np.zeros(0), 0.0, rows)
     mesh, spent, longest, unknown = [edges], 0, np.inf, np.zeros(0, dtype=np.intp)
