@@ -52,6 +52,12 @@ CASES = [
     # J dw/dt = -M_c - d w against the angular velocity, whose direction remains; w_t**2/(2 w**2) is below 2e-7
     Case("ball_friction", "rolls", lambda t: 0.6*(25*np.exp(-0.2*t) - 15), SWING, 2e-6),
     Case("ball_friction", "spins", lambda t: 0.8*(25*np.exp(-0.2*t) - 15), SWING, 2e-6),
+    # a wheel that turns about its axis, which tumbles: the moment is the rate of its angular momentum
+    Case("orientation_source", "wheel.w_y", lambda t: 2 + 0*t, LAW),
+    Case("orientation_source", "moment", lambda t: -0.02*3*2*np.sin(2*t), LAW),
+    Case("ball_drive", "pushed", lambda t: 2*t, RUN),
+    Case("ball_drive", "braked", lambda t: -4*np.exp(-0.5*t), RUN),
+    Case("ball_drive", "torque", lambda t: -0.15*t, RUN),
     Case("plane_joint", "plane.s", lambda t: G*np.sin(np.radians(20))*t**2/2, RUN),
     Case("plane_joint", "plane.phi", lambda t: 3*t, RUN),
     Case("cardan_joint", "place.z", lambda t: np.sin(0.5*t) + 5*np.sin(0.2*np.sin(0.8*t)), LAW),
@@ -276,6 +282,32 @@ def test_a_ball_joint() -> None:
     agree(vector(found, "a", "F"), -F_B)
     agree(vector(found, "a", "M"), 0*F_B)
     agree(vector(found, "b", "M"), 0*F_B)
+
+
+@checks("OrientationSource")
+def test_a_driven_ball_joint() -> None:
+    """The quaternion may have any length; its sign has no effect. The positions are free. With a constant signal, b turns
+    with the angular velocity of a."""
+    turn = Rotation.random(N, random_state=5)
+    x, y, z, w = (-3*turn.as_quat()).T
+    found = part("OrientationSource")({
+        **seen_a(), **elements("q", np.stack([w, x, y, z], 1)), **members("b", "", F_B), **members("b", "v", ALPHA),
+        **members("b", "M", M_B), **{f"der(q[{k}])": 0*PHI for k in (1, 2, 3, 4)}})
+    agree((quaternion(found, "b")*(TURN*turn).inv()).magnitude(), 0*PHI, 1e-7, 1)
+    agree(vector(found, "b", "w"), w_A, 1e-9, 1)
+    agree(vector(found, "a", "M"), -M_B)
+    for port in "ab":
+        agree(vector(found, port, "F"), 0*F_B)
+
+
+@checks("BallDrive")
+def test_drives_of_a_ball_joint() -> None:
+    spin, torques = TURN.inv().apply(ALPHA - w_A), np.random.default_rng(9).normal(size=(N, 3))
+    found = part("BallDrive")({**frame_a(), **members("b", "w", ALPHA), **members("b", "", r_A), **members("b", "v", v_A),
+                               **{f"{axis}.tau": torques[:, k] for k, axis in enumerate("xyz")}})
+    agree(np.stack([found[f"{axis}.w"] for axis in "xyz"], -1), spin, 1e-9, 1)
+    agree(vector(found, "b", "M"), -TURN.apply(torques), 1e-9, 1)
+    agree(vector(found, "a", "M"), TURN.apply(torques), 1e-9, 1)
 
 
 @checks("PlaneJoint")
