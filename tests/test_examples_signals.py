@@ -177,6 +177,24 @@ def ship(t: Array) -> Array:
     return (1 - np.exp(-(t/4)**3))*2/4*np.sqrt(2/20*(1 - 0.287*np.log(3.3)))*waves.sum(axis=1)
 
 
+def rolling_ship(t: Array) -> Array:
+    """Twenty sines of the same sea, each from one of the directions around 180 degrees, by the quantiles of a histogram."""
+    i, m, s = np.arange(1, 21), 12, 5
+    shaken, phase = (np.array([uniform(7, int(k)) for k in i + n]) for n in (0, 20))
+    r = (1.25/-np.log((i - 0.75 + 0.5*shaken)/20))**0.25
+    weight = 3.3**(0.5*np.exp(-0.5*((r - 1)/0.08)**2))
+    limits = 2*np.arccos(0.001**(0.5/s))*np.linspace(-1, 1, m + 1)
+    energy = np.cumsum(np.cos((limits[1:] + limits[:-1])/4)**(2*s))
+    share = np.mod(i*(np.sqrt(5) - 1)/2 + uniform(7, 41), 1)
+    place = np.degrees(PI + np.interp(share, [0, *energy/energy[-1]], limits))
+    omega = 2*PI/10*r
+    abeam = np.array([0.01j, 0.04*np.exp(1j*PI/3), 0.03*np.exp(-7j*PI/18)])
+    response = (np.interp(omega, [0.2, 0.5, 1], abeam.real) + 1j*np.interp(omega, [0.2, 0.5, 1], abeam.imag)) \
+        * np.interp(place, [0, 90, 180, 270, 360], [0, 1, 0, -1, 0])
+    waves = np.imag(weight*response*np.exp(1j*(omega*t[:, None] + 2*PI*phase)))
+    return (1 - np.exp(-(t/4)**3))*2/4*np.sqrt(2/20*(1 - 0.287*np.log(3.3)))*waves.sum(axis=1)
+
+
 MAP = RegularGridInterpolator(([0, 1000, 2000], [0, 100]), [[0.5, 0.6], [0.8, 0.9], [0.7, 0.95]])
 ORDERS = np.arange(1, 11)
 
@@ -300,6 +318,7 @@ CASES = [
     Case("regular_sea", "part.z", lambda t: (1 - np.exp(-(t/4)**3))*np.sin(2*PI*t/8), LAW),
     Case("irregular_sea", "part.z", sea, "the sum of sines in NumPy"),
     Case("sea_response", "part.z", ship, "the sum of responses in NumPy"),
+    Case("short_crested_response", "part.z", rolling_ship, "the sum of responses in NumPy"),
     Case("heave_controller", "part.u", lambda t: np.clip(-0.3 - 1.5*np.sin(2*PI*t), -1, 1), LAW),
     Case("signal_curve", "part.y", lambda t: u(t)*1.1, "cubic splines reproduce the straight line 0.1 V per V"),
 ]
