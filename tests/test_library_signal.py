@@ -303,9 +303,11 @@ model: spread
 components:
   sea:  {is: IrregularSea, H_s: 3 m, T_p: 9 s, t_r: 6 s, n: 60, seed: 3}
   same: {is: ShortCrestedResponse, H_s: 3 m, T_p: 9 s, t_r: 6 s, n: 60, seed: 3, heading: 150 deg, s: 4, m: 12,
-         omega: [0.3 rad/s, 1 rad/s], beta: [0 deg, 360 deg], amplitude: [[1, 1], [1, 1]], phase: [[0 deg, 0 deg], [0 deg, 0 deg]]}
+         omega: [0.3 rad/s, 1 rad/s], beta: [0 deg, 360 deg], amplitude: [[1, 1], [1, 1]],
+         phase: [[0 deg, 0 deg], [0 deg, 0 deg]]}
   roll: {is: ShortCrestedResponse, H_s: 3 m, T_p: 9 s, t_r: 6 s, n: 60, seed: 3, heading: 150 deg, s: 4, m: 12,
-         omega: [0.4 rad/s, 1.2 rad/s], beta: [-180 deg, -90 deg, 0 deg, 90 deg, 180 deg], amplitude: [[0, 2, 0, 2, 0], [0, 0.4, 0, 0.4, 0]],
+         omega: [0.4 rad/s, 1.2 rad/s], beta: [-180 deg, -90 deg, 0 deg, 90 deg, 180 deg],
+         amplitude: [[0, 2, 0, 2, 0], [0, 0.4, 0, 0.4, 0]],
          phase: [[0 deg, -90 deg, 0 deg, 90 deg, 0 deg], [0 deg, -90 deg, 0 deg, 90 deg, 0 deg]]}
 nodes: {sea: [sea.z], same: [same.z], roll: [roll.z]}
 show: {sea: {is: sea.z, unit: m}, same: {is: same.z, unit: m}, roll: {is: roll.z, unit: m}}

@@ -22,7 +22,14 @@ from heavebond.language.incidence import STEPS
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.interval_functions import operation
-from heavebond.numerics.time_search import Course, constant_rows, rounding, short_motions, sign_changes, straight_sign_changes
+from heavebond.numerics.time_search import (
+    Course,
+    constant_rows,
+    rounding,
+    short_motions,
+    sign_changes,
+    straight_sign_changes,
+)
 
 MOST_BRANCHES = 16  # expressions that one value of a function of time may be, by the branches of its conditions
 STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_COSH, ca.OP_SINH, ca.OP_ERF,
