@@ -238,6 +238,13 @@ def test_a_signal_over_another(tab: browser.Tab, server: Server) -> None:
     assert ends[0] <= values.min() and ends[1] >= values.max() and ends[1] - ends[0] < 1.5 * np.ptp(values)
     tab.wait(BLUE)  # the line is drawn
     _shot(tab, "over")
+    _choose(tab, "unit of body.v", "mm/s")  # the abscissa has the unit of the chart of its signal
+    assert tab.run("studio.runs.plots.charts[0].axes[0].label") == "body.v [mm/s]"
+    tab.click(".axis-limits")
+    tab.run("document.getElementById('ask-name').value = '-1 .. 1; over -50 .. 100', 1")
+    tab.click("#ask button.main")
+    tab.wait("studio.runs.plots.charts[0].scales.x.min === -50 && studio.runs.plots.charts[0].scales.x.max === 100")
+    assert tab.run("studio.runs.plots.limits") is None
     assert tab.complaints == []
 
 

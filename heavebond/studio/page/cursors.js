@@ -67,6 +67,7 @@ export class Cursors {
     if (!this.on) return;
     const { ctx, bbox } = chart, style = getComputedStyle(document.body);
     ctx.save();
+    ctx.setLineDash([]); // of the last line of the chart
     ctx.strokeStyle = style.getPropertyValue("--warn");
     ctx.fillStyle = ctx.strokeStyle;
     ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;

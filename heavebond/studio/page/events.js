@@ -81,6 +81,7 @@ export class EventLog {
     if (!times.length) return;
     const { ctx, bbox } = chart, high = 7 * devicePixelRatio;
     ctx.save();
+    ctx.setLineDash([]);
     ctx.strokeStyle = getComputedStyle(document.body).getPropertyValue("--warn");
     ctx.beginPath();
     let last = -1;

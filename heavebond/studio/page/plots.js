@@ -23,7 +23,7 @@ export class Plots {
     new ResizeObserver(() => this.fit()).observe(this.place);
     /** The part of the time (s) that the charts show; null for all. @type {{min: number, max: number}|null} */
     this.limits = null;
-    /** What is chosen for the chart of a unit; `limits` of its vertical axis are in the unit of the run. @type {Record<string, {unit?: string, log?: boolean, over?: string, limits?: [number, number]}>} */
+    /** What is chosen for the chart of a unit; `limits` of its vertical axis are in the unit of the run. @type {Record<string, {unit?: string, log?: boolean, over?: string, limits?: [number, number], abscissa?: [number, number]}>} */
     this.choices = {};
     this.large = ""; // the chart that fills the place
     /** Signals that have a chart of their own, or that of another signal, by its key. @type {Record<string, string>} */
@@ -188,24 +188,26 @@ export class Plots {
     });
   }
 
-  /** Ask for the ends of the vertical axis of a chart, and for the part of the time that all charts show. @param {any} group */
+  /** Ask for the ends of the vertical axis of a chart, and for the part of the time that all charts show, or of the signal over which this one is drawn. @param {any} group */
   limit(group) {
+    const over = this.over(group), along = over && (this.groups ?? []).find((/** @type {any} */ g) => g.lines.some((/** @type {any} */ l) => l.name === over)), word = over ? "over" : "time";
+    const factor = along?.scale ?? 1, second = over ? this.choices[group.base]?.abscissa?.map((v) => v / factor) : this.limits && [this.limits.min, this.limits.max];
     const { base, scale } = group, unit = group.unit === "1" ? "" : ` in ${unitLabel(group.unit)}`, [chart] = this.charts.filter((_, k) => this.groups?.[k]?.base === base);
     const now = this.choices[base]?.limits?.map((v) => v / scale) ?? [chart?.scales?.y?.min, chart?.scales?.y?.max];
     const range = (/** @type {number[]} */ ends) => ends.map((v) => number(v)).join(" .. "), shown = now.every(Number.isFinite) ? [range(now)] : [];
-    if (this.limits) shown.push(`time ${range([this.limits.min, this.limits.max])}`);
-    askName("Limits of the axes", `From .. to${unit}; of the time in s after a semicolon; empty for automatic limits:`, shown.join("; "), async (text) => {
+    if (second) shown.push(`${word} ${range(second)}`);
+    askName("Limits of the axes", `From .. to${unit}; of ${over ? `${over}${along && along.unit !== "1" ? ` in ${unitLabel(along.unit)}` : ""}` : "the time in s"} after a semicolon; empty for automatic limits:`, shown.join("; "), async (text) => {
       /** @type {[number, number]|undefined} */ let axis, time = /** @type {any} */ (undefined);
       for (const part of text.split(";").map((p) => p.trim()).filter(Boolean)) {
-        const ends = part.replace(/^time\b/, "").split("..").map((end) => Number(end.trim() || NaN));
-        if (ends.length !== 2 || !ends.every(Number.isFinite) || ends[0] >= ends[1]) throw new Error("Write the lower and the upper limit, such as 0 .. 40, or 0 .. 40; time 2 .. 5.");
-        if (part.startsWith("time")) time = ends;
+        const ends = part.replace(/^(time|over)\b/, "").split("..").map((end) => Number(end.trim() || NaN));
+        if (ends.length !== 2 || !ends.every(Number.isFinite) || ends[0] >= ends[1]) throw new Error(`Write the lower and the upper limit, such as 0 .. 40, or 0 .. 40; ${word} 2 .. 5.`);
+        if (/^(time|over)\b/.test(part)) time = ends;
         else axis = [ends[0], ends[1]];
       }
       if (axis && this.choices[base]?.log && axis[0] <= 0) throw new Error("A logarithmic axis needs limits above zero.");
       return () => {
-        this.limits = time ? { min: time[0], max: time[1] } : null;
-        this.choose(base, { limits: axis && [axis[0] * scale, axis[1] * scale] });
+        if (!over) this.limits = time ? { min: time[0], max: time[1] } : null;
+        this.choose(base, { limits: axis && [axis[0] * scale, axis[1] * scale], ...(over ? { abscissa: time?.map((/** @type {number} */ v) => v * factor) } : {}) });
       };
     }, "Set");
   }
@@ -245,7 +247,7 @@ export class Plots {
       ...units,
       el("button", { "aria-pressed": String(Boolean(choice.log && group.positive)), disabled: !group.positive, "aria-label": `logarithmic axis of ${subject}`,
         title: group.positive ? "Logarithmic axis" : "A logarithmic axis needs values above zero", onclick: () => this.choose(base, { log: !choice.log }) }, "log"),
-      el("select", { "aria-label": `what ${subject} is drawn over`, onchange: (/** @type {any} */ e) => this.choose(base, { over: e.target.value }) },
+      el("select", { "aria-label": `what ${subject} is drawn over`, onchange: (/** @type {any} */ e) => this.choose(base, { over: e.target.value, abscissa: undefined }) },
         option("", "over time", choice.over ?? ""), option(SPECTRUM, "as spectrum", choice.over ?? ""), ...names.map((name) => option(name, `over ${name}`, this.over(group)))),
       el("button", { class: "axis-limits", "aria-pressed": String(Boolean(choice.limits)), "aria-label": `limits of the axes of ${subject}`, title: "Limits of the vertical axis and of the time", onclick: () => this.limit(group) }, "limits"),
       el("button", { "aria-pressed": String(large), "aria-label": large ? "show all charts" : `show ${subject} alone`, title: large ? "Show all charts" : "Show this chart alone",
@@ -259,9 +261,11 @@ export class Plots {
 
   /** Lines over another signal, in the order of time. @param {any} group @param {HTMLElement} box */
   curves(group, box) {
-    const given = this.options(group), name = this.over(group);
+    const given = this.options(group), name = this.over(group), { abscissa } = this.choices[group.base] ?? {};
+    const of = (/** @type {string} */ signal) => (this.groups ?? []).find((/** @type {any} */ g) => g.lines.some((/** @type {any} */ l) => l.name === signal)); // in the unit of its chart
+    const { scale, unit } = of(name) ?? { scale: 1, unit: group.lines[0].run.units[name] };
     let shown = group;
-    const lines = () => shown.lines.filter((/** @type {any} */ l) => l.run.series.has(name)).map((/** @type {any} */ l, /** @type {number} */ k) => ({ x: l.run.series.get(name), y: scaled(l, shown.scale), of: given.series[k + 1] }));
+    const lines = () => shown.lines.filter((/** @type {any} */ l) => l.run.series.has(name)).map((/** @type {any} */ l, /** @type {number} */ k) => ({ x: scaled({ run: l.run, name }, scale), y: scaled(l, shown.scale), of: given.series[k + 1] }));
     const ends = (/** @type {"x"|"y"} */ key) => { let low = Infinity, high = -Infinity; for (const l of lines()) for (const v of l[key]) if (Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); } return low <= high ? [low, high] : [0, 1]; };
     const draw = (/** @type {any} */ u) => {
       const { ctx } = u;
@@ -279,8 +283,8 @@ export class Plots {
       }
       ctx.restore();
     };
-    const unit = group.lines[0].run.units[name];
     const chart = new (/** @type {any} */ (uPlot))({ ...given, cursor: { drag: { x: true, y: true } }, hooks: { draw: [draw] },
+      scales: { ...given.scales, x: { time: false, ...(abscissa ? { range: abscissa.map((v) => v / scale) } : {}) } },
       axes: [{ ...given.axes[1], size: 44, label: unit && unit !== "1" ? `${name} [${unitLabel(unit)}]` : name, labelSize: 18 }, given.axes[1]],
       series: [{ label: name }, ...given.series.slice(1).map((/** @type {any} */ one) => ({ ...one, show: true, stroke: one.stroke, paths: () => null }))] },
       [ends("x"), ...group.lines.map(() => ends("y"))], box);

@@ -420,8 +420,8 @@ export class Runs {
       el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, with the values of the signals at them and between them", onclick: () => { this.plots.measure(); this.remember(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
       el("select", { id: "columns", "aria-label": "charts beside each other", onchange: (/** @type {any} */ e) => { this.plots.columns = Number(e.target.value); this.remember(); this.showPlots(); } }, ...[1, 2, 3].map((n) => el("option", { value: n, selected: n === this.plots.columns }, n === 1 ? "1 column" : `${n} columns`))),
       el("button", { id: "charts-only", "aria-pressed": String(byId("middle").classList.contains("charts-only")), title: "Charts without the drawing, and back", onclick: () => { const on = byId("middle").classList.toggle("charts-only"); byId("charts-only").setAttribute("aria-pressed", String(on)); } }, "Charts only"),
-      el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
-      el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : []));
+      el("button", { id: "png", onclick: () => this.plots.png(`${name}_charts`) }, "PNG"),
+      el("button", { id: "csv", onclick: () => this.plots.csv(`${name}_charts`, this.visible, this.plotted) }, "CSV")] : []));
     this.studio.animation?.follow();
     byId("runs").classList.toggle("bare", !this.live && !kept.length && !waiting.length && !failing.length);
   }
