@@ -22,6 +22,7 @@ __all__ = ["server", "tab"]
 
 def _open(tab: browser.Tab, server: Server, name: str = "car.yaml", text: str = CAR) -> None:
     (server.folder / name).write_text(text, encoding="utf-8")
+    tab.wait("!window.studio?.runs.storing")  # the charts of the diagram before
     tab.go("about:blank")
     tab.go(f"{server.address}#{name}")
     tab.wait(f"window.studio?.document?.name === {json.dumps(name)} && studio.view?.parts && "

@@ -26,6 +26,7 @@ WATCH = 0.4  # s between two checks of the files on disk
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 UNKNOWN = Problem("usage", "the page asked for something unknown")
 PENDING = 64  # simultaneous requests of a page; further ones are read when one of these is finished
+WRITES = ("save", "layout")  # requests that are completed after the page has closed
 GONE = "gone"  # the version of a document whose file was removed
 Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 
@@ -43,6 +44,7 @@ class Tab:
         self.other_files: dict[str, float] = {}  # the other files of the diagram, with their times
         self.sending, self.pending = asyncio.Lock(), asyncio.Semaphore(PENDING)
         self.tasks: set[asyncio.Task[None]] = set()
+        self.writes: set[asyncio.Task[None]] = set()  # of these, those that write a file
 
     async def serve(self) -> None:
         """Answer the requests of the page until it closes."""
@@ -56,14 +58,15 @@ class Tab:
                 except (ValueError, RecursionError):
                     message = {}
                 await self.pending.acquire()
-                self._begin(self._handle(message if isinstance(message, dict) else {}), self.pending.release)
+                message = message if isinstance(message, dict) else {}
+                self._begin(self._handle(message), self.pending.release, completed=message.get("do") in WRITES)
         except (WebSocketDisconnect, KeyError):  # KeyError: bytes instead of a text
             return
 
     def close(self) -> None:
-        """End its requests and its workers; long computations continue."""
+        """End its requests, except those that write a file, and its workers; long computations continue."""
         self.jobs.watchers.discard(self._push_job)
-        for task in self.tasks:
+        for task in self.tasks - self.writes:
             task.cancel()
         for worker in (self.checker, self.runner, self.librarian):
             worker.close()
@@ -76,10 +79,14 @@ class Tab:
         if self.document is not None and self.document.name == job.name:
             self._begin(self.send({"push": "job", "job": job.entry()}))
 
-    def _begin(self, work: Any, finished: Callable[[], None] | None = None) -> None:
+    def _begin(self, work: Any, finished: Callable[[], None] | None = None, *, completed: bool = False) -> None:
+        """Start a task; with `completed` it does not end when the page closes."""
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
+        if completed:
+            self.writes.add(task)
+            task.add_done_callback(self.writes.discard)
         if finished is not None:
             task.add_done_callback(lambda _: finished())
 
