@@ -72,6 +72,12 @@ def call(*words: str) -> object:
     return CliRunner().invoke(main, list(words))
 
 
+@pytest.fixture(autouse=True)
+def compiler_of_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """FMUs with the flags of `export`; other files of tests compile them with fewer optimisations."""
+    monkeypatch.delenv("CC", raising=False)
+
+
 class Compiled:
     """A C file of heavebond, compiled and called through ctypes."""
 
