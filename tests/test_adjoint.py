@@ -184,6 +184,7 @@ def test_many_free_parameters_are_tuned_by_runs_backwards(chain: Assembly) -> No
                                                             abs=2e-3 * np.abs(exact.limit_gradients).max())
 
 
+@pytest.mark.long
 def test_both_ways_end_at_one_optimum(chain: Assembly, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the run backwards always breaks down: then the gradients are taken forward."""
     backwards = tune(chain, NINE)

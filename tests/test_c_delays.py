@@ -88,7 +88,8 @@ def late(text: str) -> str:
     return text.replace("{until:", f"{{from: {UNIX} s, until:")
 
 
-@pytest.mark.parametrize("name", partly(CASES, 4))
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
 def test_a_late_begin_does_not_change_delays_in_a_c_program(name: str, tmp_path: Path) -> None:
     """A loop with delays, inputs of time, samples and a relay, after a begin at the time of a UNIX clock and at 0."""
     found = []

@@ -644,6 +644,7 @@ def transfer(numbers: np.ndarray) -> str:
     return "[" + ", ".join(repr(float(x)) for x in numbers) + "]"
 
 
+@pytest.mark.long
 def test_leads_and_lags_of_random_plants_have_the_margins_that_python_control_finds() -> None:
     """Both programs compute with rational functions; 1e-5 leaves room for polynomials of order 5."""
     control, random = pytest.importorskip("control"), np.random.default_rng(2)
@@ -673,6 +674,7 @@ def test_leads_and_lags_of_random_plants_have_the_margins_that_python_control_fi
     assert signs == {True, False}
 
 
+@pytest.mark.long
 def test_notches_of_random_plants_cancel_the_mode_that_limits_the_gain() -> None:
     """The gain margins beside python-control; the frequency and damping of the mode are exact."""
     control, random = pytest.importorskip("control"), np.random.default_rng(3)

@@ -145,6 +145,7 @@ def test_a_weight_off_the_axis_is_found_from_afar(tmp_path: Path) -> None:
     assert np.isclose(abs(found.values["unbalance.M"]), 3.2, rtol=0.02)
 
 
+@pytest.mark.long
 def test_hysteresis_of_the_published_benchmark_is_fitted_to_the_noise(tmp_path: Path) -> None:
     """J. P. Noel, M. Schoukens (2016): m 2 kg, c 10 N s/m, k 50 kN/m, alpha 50 kN/m, beta 1e3, gamma 0.8, delta -1.1, nu 1;
     here of a machine that is a hundred times as soft, over a way a hundred times as long."""

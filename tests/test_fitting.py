@@ -315,6 +315,7 @@ def test_a_descent_that_has_settled_is_within_a_hundredth_of_the_standard_errors
     assert step @ (J.T @ J + priors.T @ priors) @ step < (2 * SHORT)**2 * 2 * far.cost / problem.samples
 
 
+@pytest.mark.long
 def test_a_fit_to_long_records_begins_on_their_beginnings(monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends where a fit to the whole of them from the start ends."""
     experiment = hb.load_experiment("passive_rig/nothing")

@@ -96,6 +96,7 @@ def test_triple_pendulum() -> None:
     audit(model("triple_pendulum")).raise_if_open(SMALL)
 
 
+@pytest.mark.long
 def test_four_bar_turning() -> None:
     found = run("four_bar_turning")
     x, y, p, q = (found[f"links.{n}"] for n in ("x_1", "y_1", "x_2", "y_2"))

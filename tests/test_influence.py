@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from collected import partly
 from matplotlib.image import imread
 from test_plot import _assert_nothing_clipped
 from test_sensitivities import HANGING, MEASURED, PRELOADED, SLIDER, _text
@@ -127,7 +128,7 @@ def test_what_is_not_tried_is_told(slider: hb.Assembly) -> None:
 
 
 # -- picture and command ---------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("courses", [0, 3])
+@pytest.mark.parametrize("courses", partly([0, 3], 2))
 def test_the_picture(slider: hb.Assembly, courses: int, tmp_path: Path) -> None:
     figure = plot_influence(rank(slider, ["load.x", "spring.F"]), courses=courses, title="A cart on a rail")
     _assert_nothing_clipped(figure)

@@ -166,6 +166,7 @@ def test_the_window_of_a_change_begins_at_the_estimated_state_with_the_parameter
         found.window("sound_0")
 
 
+@pytest.mark.long
 def test_processes_give_the_same_table(fleet: Path) -> None:
     alone, two = (hb.monitor(fleet / "rig.yaml", fleet / "records", processes=n).to_pandas() for n in (1, 2))
     assert alone.equals(two)
@@ -220,6 +221,7 @@ def test_the_command_writes_table_page_pictures_and_estimates(fleet: Path, monke
     assert run.exit_code == 2 and "is the folder of the records" in run.output
 
 
+@pytest.mark.long
 def test_a_cluster_gives_the_same_table(fleet: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local, \

@@ -131,6 +131,7 @@ def test_the_margins_of_a_loop_with_a_sample_and_hold_are_those_of_its_z_transfo
     assert told["margins"]["gain_up"]["value"] == pytest.approx(1.0343653, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:stability_margins. Falling back:UserWarning")
 def test_fifty_random_loops_have_the_poles_and_margins_of_python_control(tmp_path: Path):
     """Plants of order 1 to 5, controllers of order 1, any period."""

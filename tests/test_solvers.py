@@ -190,7 +190,7 @@ def test_idas_runs_what_cvodes_gives_up(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 # -- sensitivities -----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=needs_compiler)])
+@pytest.mark.parametrize("solver", ["cvodes", pytest.param("rosenbrock", marks=[needs_compiler, pytest.mark.long])])
 def test_sensitivities_are_those_of_differences(solver: str) -> None:
     assembly, names = hb.assemble(hb.load("cmc_ahc")), ["controller.K_p", "crown.m"]
     run = hb.simulate(assembly, 6.0, every=0.05, sensitivities=names, solver=solver)

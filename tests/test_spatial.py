@@ -64,7 +64,7 @@ def test_accelerations_of_a_large_tree_by_pinocchio(n: int, seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", partly(TREES, 5))
+@pytest.mark.parametrize("seed", partly(TREES, 7))
 def test_accelerations_of_an_aligned_chain_by_pinocchio(seed: int) -> None:
     """Where axes are parallel a divisor of the elimination that is not an inertia may vanish."""
     pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
@@ -459,6 +459,7 @@ simulate: {until: 1 s, every: 10 ms}
 """
 
 
+@pytest.mark.long
 def test_a_planar_machine_moves_the_body_that_carries_it() -> None:
     """Two links that hang in a plane of a free tumbling body beside the same links on hinges in space; both runs deviate by
     some 1e-8 of each motion at these tolerances."""

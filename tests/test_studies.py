@@ -185,6 +185,7 @@ compare_with: {us: {damper.d: {4 Hz: 2 kN*s/m}}}
 """
 
 
+@pytest.mark.long
 def test_gains_are_swept_one_after_the_other_and_by_gradients(folder: Path) -> None:
     """At 4 Hz the damper chosen for a hard spring is too strong for the soft one: one after the other misses the best."""
     result = hb.study(_study(TUNING), processes=1)
