@@ -6,7 +6,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner
@@ -15,6 +16,7 @@ from collected import partly
 from benchmarks.diagnosis import ended
 from benchmarks.diagnosis.ended import Looks, counted_looks
 from heavebond.cli import main
+from heavebond.core.cancellation import Budget
 from heavebond.core.errors import FaultWarning
 from heavebond.diagnosis import diagnose as driver
 from heavebond.diagnosis import phases
@@ -81,7 +83,7 @@ def assert_true(found: Diagnosis, whole: Diagnosis) -> None:
     assert found.verdict == "mainly" or words.startswith(("No conclusion yet: the search was ended", "The search was ended"))
     for step in found.steps:
         scored = {s.candidate.label for s in step.scores}
-        assert not step.partial or f"{len(scored)} of {step.planned} candidates" in words
+        assert not step.partial or f"{len(scored)} of {step.planned - len(step.broken)} candidates" in words
 
 
 @pytest.mark.long
@@ -103,6 +105,18 @@ def test_a_step_that_is_complete_names_its_effect_although_more_was_not_tried(
     assert (found.verdict, found.partial, found.untried) == ("mainly", True, (VALUES, CURVES))
     assert found.adequacy is not None and not found.adequacy.complete and found.adequacy.explained < 0.95
     assert f"Not tried, as the search was ended early: {VALUES}, {CURVES}." in found.words
+
+
+@pytest.mark.parametrize(("selection", "left", "located"), [((), 0.0, True), (("effect",), 0.0, False), ((), 50.0, False)])
+def test_the_time_kept_for_the_confirmation_of_an_effect_gives_a_place_if_there_is_none(
+        monkeypatch: pytest.MonkeyPatch, selection: tuple[str, ...], left: float, located: bool) -> None:
+    """The search used all of its time, or was ended by the user with 50 s left."""
+    monkeypatch.setattr(phases, "localize", lambda experiment, **options: "located")
+    step: Any = SimpleNamespace(left=SimpleNamespace(significant=True), partial=True)
+    given: Any = SimpleNamespace()
+    state = phases.State(given, given, kept=10.0, searched=given, selection=cast(Any, selection), steps=(step,), last=step)
+    task: Any = SimpleNamespace(budget=Budget(10.0 + left), say=lambda text: None)
+    assert [s.localization for s in phases.localise_misfit(state, task)] == (["located"] if located else [])
 
 
 def test_files_are_written_and_the_exit_code_is_0_when_the_time_is_over(rig: Experiment, looks: Looks,

@@ -432,16 +432,26 @@ def explain_remainder(state: State, task: Task) -> Iterator[State]:
 
 def localise_misfit(state: State, task: Task) -> Iterator[State]:
     """Estimate the unknown input at each place of the fitted diagram, which is evidence for the place and kind of the
-    missing effect."""
+    missing effect.
+
+    If the search used all of its time and selected no effect, the time that was kept to confirm one is used for this: the
+    answer then has a place.
+    """
     if state.searched is None or not state.steps or not state.steps[0].left.significant:
         return
+    if state.partial and (state.selection or task.budget.left(state.kept) > 0):
+        return
+    searched, places = state.searched, [frozenset(effect.candidate.where) for effect in state.added]
     try:
-        located = localize(state.searched, values=state.base,
-                           progress=lambda text: task.say(f"localising the misfit: {text}"),
-                           besides=[frozenset(effect.candidate.where) for effect in state.added])
+        located = task.budget.made(lambda: localize(
+            searched, values=state.base, progress=lambda text: task.say(f"localising the misfit: {text}"),
+            besides=places), state.kept / 4 if state.partial else state.kept)
     except HeavebondError:
         return
-    yield replace(state, localization=located)
+    if located is not None:
+        yield replace(state, localization=located)
+    elif not state.partial:
+        raise KeyboardInterrupt
 
 
 def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
@@ -491,7 +501,7 @@ def decide(state: State, task: Task) -> Iterator[State]:
 PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
                              fit_flexible_laws, explain_remainder, localise_misfit, compare_held_out_records,
                              decide)
-CLOSING: tuple[Phase, ...] = (confirm, decide)
+CLOSING: tuple[Phase, ...] = (confirm, localise_misfit, decide)
 FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 
 
