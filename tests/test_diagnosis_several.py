@@ -81,13 +81,14 @@ Table = Mapping[str, float]
 
 def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
             left: float = np.inf, pairs: dict[str, float] | None = None, cut: int = 0, ends: list[Stage] | None = None,
-            parallel: bool = False, storing: str = "") -> tuple[str, list[str]]:
+            parallel: bool = False, storing: str = "", early: list[str] | None = None) -> tuple[str, list[str]]:
     """The effects that are found, and the diagrams on which a step was made.
 
-    `pairs` takes what each leading law leaves in its best pair. The step with the number `cut` is ended by the time limit.
-    `ends` takes the last step. A diagram that is not in the table leaves what the best diagram with one effect less leaves.
-    `B+A` is what A leaves when it is added to B, in a local minimum of its own. The effects are at one place if they are
-    `parallel`, otherwise each is at its own. The effects in `storing` store energy.
+    `pairs` takes what each leading law leaves in its best pair. The step with the number `cut` is ended by the time
+    limit. `ends` takes the last step, `early` the answers of all early ends. A diagram that is not in the table leaves
+    what the best diagram with one effect less leaves. `B+A` is what A leaves when it is added to B, in a local minimum
+    of its own. The effects are at one place if they are `parallel`, otherwise each is at its own. The effects in
+    `storing` store energy.
     """
     made: list[str] = []
 
@@ -127,8 +128,10 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     monkeypatch.setattr(stepwise, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     monkeypatch.setattr(stepwise, "fitted_base", lambda at: at)
     monkeypatch.setattr(stepwise, "refitted_from", lambda at, candidate, lender: trial(at.effects, candidate.label))
-    *_, (way, last) = select_stepwise(experiment(""), stepping, lambda text: None, most,
-                                      lambda: 0.0 if cut and len(made) >= cut else left)
+    *before, (way, last) = select_stepwise(experiment(""), stepping, lambda text: None, most,
+                                           lambda: 0.0 if cut and len(made) >= cut else left)
+    if early is not None:
+        early += ["".join(added.candidate.label for added in selection) for selection, _ in before]
     if ends is not None:
         ends.append(last)
     if pairs is not None and way:
@@ -164,6 +167,14 @@ def test_other_first_effects_are_followed_only_if_they_may_come_as_near_the_nois
     found, made = climbed(monkeypatch, apart)
     assert found == "AD" and made[:2] == ["", "A"] and not {"B", "C"} & set(made)
     assert climbed(monkeypatch, {**apart, "BD": 1.45})[1][:4] == ["", "A", "B", "C"]
+
+
+def test_an_early_end_adds_no_effect_that_explains_nothing_noticeable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """D removes 7 % or half of what A leaves; the time may end while the leading laws are compared in pairs."""
+    for remaining, answers in ((9.3, {"", "A"}), (5.0, {"", "A", "AD"})):
+        early: list[str] = []
+        climbed(monkeypatch, {"": 1000, "A": 10, "B": 400, "AD": remaining}, early=early)
+        assert {*early} == answers
 
 
 def test_one_step_is_one_effect(monkeypatch: pytest.MonkeyPatch) -> None:

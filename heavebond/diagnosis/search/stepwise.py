@@ -264,7 +264,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             if stage.partial or any(extension[-1].is_noise for extension in steps[-1][1]):
                 break
             if pair and len(steps) == 1:
-                yield (steps[0][1] or selections)[0], replace(stage, partial=True)
+                yield (_longer(steps, selections) or selections)[0], replace(stage, partial=True)
                 joint = (*joint_refits(pair, say, remaining_time),
                          *parallel_refits(selection[0].step, say, remaining_time))
                 # the other selections with this second effect leave more than noise, and this one does not
@@ -287,9 +287,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         elif not steps:
             last = selections[0][-1].step
             break
-        longer = [extension for _, extended in steps for extension in extended
-                  if worth_it(extension[-1].step) and _merit(extension) < min(map(_merit, selections))]
-        longer = [_without_absent(extension) for extension in longer]
+        longer = [_without_absent(extension) for extension in _longer(steps, selections)]
         selections = _distinct(sorted(longer, key=_merit)) if longer else sorted(selections, key=_merit)
         last = replace(selections[0][-1].step if longer else steps[0][0], partial=cut or steps[-1][0].partial)
         if not longer:
@@ -300,6 +298,13 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 yield selection, last
             selections[0] = selection
     yield (selections[0] if selections else ()), last
+
+
+def _longer(steps: Iterable[tuple[Stage, Sequence[Selection]]], selections: Sequence[Selection]) -> list[Selection]:
+    """The extensions of `selections` by these steps whose last effect explains a noticeable part of the residual before it,
+    and that are better than all of the selections."""
+    return [extension for _, extended in steps for extension in extended
+            if worth_it(extension[-1].step) and _merit(extension) < min(map(_merit, selections))]
 
 
 def near_the_noise(selection: Selection) -> bool:
