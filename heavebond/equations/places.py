@@ -167,24 +167,40 @@ def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:
 
 @dataclass(frozen=True)
 class Jump:
-    """A difference w between a signal and what a component reads of it: the equations of `owner` (a part, or a block with
-    all its parts) have the signal plus w. `signal` is the index of the unknown."""
+    """A difference w between what a signal or a node has and what a component reads of it: the equations of `owner` (a part,
+    or a block with all its parts) have the signal plus w, or the position and the across variable of the node plus w and its
+    rate. `shifted` are the indices of these unknowns, each with the order of the derivative of w."""
 
     owner: str
     unit: Unit
-    signal: int
+    shifted: tuple[tuple[int, int], ...]
 
 
 def jumps_at(flat: Flat, inputs: Iterable[str]) -> dict[str, Jump]:
-    """The jumps at signal inputs (`controller.v`) of a flat model, by the names of the inputs. An input is left out if
-    another signal of its part is the same one, as its equations do not show which of them is meant."""
+    """The jumps at signal inputs (`controller.v`) and ports (`gas.a`) of a flat model, by their names. One is left out if
+    another signal or port of its part is the same one, as its equations do not show which of them is meant, and if a port
+    has several across variables."""
     jumps = {}
     for path in inputs:
         owner, _, name = path.rpartition(".")
-        leaf, index = flat.expanded.leaves.get(owner), flat.names.get(path)
-        if leaf is not None and index is not None and name in leaf.component.signals \
-                and index not in {flat.names.get(f"{owner}.{other}") for other in leaf.component.signals if other != name}:
-            jumps[path] = Jump(owner, flat.unknowns[index].unit, index)
+        leaf = flat.expanded.leaves.get(owner)
+        if leaf is None:
+            continue
+        if name in leaf.component.signals:
+            others, orders = leaf.component.signals, {path: 0}
+            unit = flat.unknowns[flat.names[path]].unit if path in flat.names else None
+        else:
+            domain, others = flat.domains.get(path), leaf.component.ports
+            if domain is None or len(domain.across) > 1:
+                continue
+            orders = {f"{path}.{domain.across[0]}": len(domain.positions)}
+            orders |= {f"{path}.{position}": 0 for position in domain.positions}
+            unit = domain.members[(*domain.positions, *domain.across)[0]].unit
+        shifted = tuple((flat.names[variable], order) for variable, order in orders.items() if variable in flat.names)
+        same = {flat.names.get(f"{owner}.{other}{variable.removeprefix(path)}") for other in others if other != name
+                for variable in orders}
+        if shifted and unit is not None and same.isdisjoint(index for index, _ in shifted):
+            jumps[path] = Jump(owner, unit, shifted)
     return jumps
 
 
@@ -197,8 +213,9 @@ def with_virtual_jumps(flat: Flat, jumps: Mapping[str, Jump], file: Path) -> Fla
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + f"virtual.{path}") for k in range(4)))
         source = FileInput(file, path, jump.unit.text, "spline", place, TimeAxis("time"), bridge=True)
         inputs.append(KnownInput(f"virtual.{path}", source, jump.unit, symbols))
-        old = [level[jump.signal] for level in flat.levels]
-        new = [symbol + symbols[order] for order, symbol in enumerate(old)]
+        # an equation that is written has no higher derivatives
+        old, new = zip(*((level[index], level[index] + symbols[order + k]) for index, order in jump.shifted
+                         for k, level in enumerate(flat.levels[:4 - order])), strict=True)
         for row, equation in enumerate(flat.equations):
             if equation.role is EquationRole.LAW and f"{equation.owner}.".startswith(f"{jump.owner}."):
                 residuals[row] = ca.substitute(residuals[row], stack(old), stack(new))

@@ -129,12 +129,12 @@ class SourcedRecord:
     """One record and its machine with a virtual source on every node (see `input_nodes`; or with all `sources` of its flat
     model), to be linearised about several runs. The deviations q are those of the free parameters and of `parameters`.
 
-    `signals` are signal inputs with jumps (see `jumps_at`), which are zero in every run. Behind the columns of the nodes,
-    the matrices of the inputs have those of `jumped` (signal input, order of the derivative of its jump)."""
+    `jumping` are signal inputs and ports with jumps (see `jumps_at`), which are zero in every run. Behind the columns of the
+    nodes, the matrices of the inputs have those of `jumped` (signal input or port, order of the derivative of its jump)."""
 
     def __init__(self, experiment: Experiment, record: Record, folder: Path,
                  sources: Callable[[Flat], dict[str, Node]] = input_nodes, parameters: Sequence[str] = (),
-                 signals: Sequence[str] = ()):
+                 jumping: Sequence[str] = ()):
         self.experiment, self.record = experiment, record
         measured = measure(experiment, record)
         self.time = measured.grid
@@ -151,7 +151,7 @@ class SourcedRecord:
         flat = flatten(model, wanted)
         self.nodes = sources(flat)
         self.places = places_of(flat, self.nodes)
-        self.jumps = jumps_at(flat, signals)
+        self.jumps = jumps_at(flat, jumping)
         self.file = folder / f"{file_stem(record.name)}.csv"
         self._write(np.zeros((len(self.time), len(self.nodes))))
         self.assembly = build(reduce_flattened(lambda corners: with_virtual_jumps(with_virtual_sources(

@@ -498,15 +498,20 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
     A delayed variable has the rows (v, t_0, r, c_0 ... c_7): it is (1 - v) h + sum(c_i s**i), s = r (t - t_0), with h its
     value before the start."""
     used = {s.element_hash() for s in ca.symvar(expression)} if flat.driving else set()
-    if not any(s.element_hash() in used for known in flat.driving for s in split(known.symbols)):
+    present = [any(s.element_hash() in used for s in split(known.symbols)) for known in flat.driving]
+    if not any(present):
         return expression
     symbols, pieces = [], []
     for k, known in enumerate(flat.inputs):
+        if not present[k]:
+            continue
         s = t - u[0]
         c0, c1, c2, c3 = (u[1 + 4 * k + i] for i in range(4))
         symbols.append(known.symbols)
         pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
     for k, delayed in enumerate(flat.delays):
+        if not present[len(flat.inputs) + k]:
+            continue
         rows = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
         s, scale, terms = rows[2] * (t - rows[1]), ca.SX(1), split(rows[DELAY_ROWS - DELAY_TERMS:])
         symbols.append(delayed.symbols)

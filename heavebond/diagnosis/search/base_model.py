@@ -30,6 +30,7 @@ from heavebond.language.edits import Change
 from heavebond.language.library import Library
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
+from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Tolerances
 from heavebond.text.expression import Call, Expr, children
 
@@ -107,6 +108,9 @@ def _differentiates(expr: Expr) -> bool:
 # otherwise explain it. If it is larger, the tolerances are multiplied by FINER, at most TIMES times.
 SEARCH = Tolerances(1e-5, 1e-7)
 ERRS, FINER, TIMES = 0.05, 0.1, 2
+# A difference of two search runs is treated as zero if it is below ROUGH times the error of one run: the errors of both may
+# add.
+ROUGH = 2.0
 DIAGRAMS = 200  # changed diagrams that are kept in memory, about 1 MB each
 
 
@@ -218,7 +222,7 @@ class Base:
                                 and run.assembly.algebraic_names == base_run.assembly.algebraic_names
                                 and len(run.assembly.flat.events) == len(base_run.assembly.flat.events)
                                 for run, base_run in zip(runs, self.problem.runs, strict=True))
-                    if alike and np.linalg.norm(plain_residuals(self, runs, {}) - self.quick) <= self.error:
+                    if alike and np.linalg.norm(plain_residuals(self, runs, {}) - self.quick) <= ROUGH * self.error:
                         usable = runs
                 self.shared[key] = usable
             if (shared_runs := self.shared[key]) is not None:
@@ -228,6 +232,12 @@ class Base:
             members = next(half for half in halves if label in (c.label for c in half))
             shared = SharedDiagram(members) if len(members) > 1 else None
         return None
+
+    @cached_property
+    def results(self) -> tuple[Result, ...]:
+        """The runs of the fitted records by IDAS."""
+        return tuple(self.exact[run.record.name].simulator.run(self.problem.values_of(self.inner, run.record.name))
+                     for run in self.problem.runs)
 
     @cached_property
     def cost(self) -> float:

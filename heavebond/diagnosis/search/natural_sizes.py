@@ -108,11 +108,9 @@ def _extended(number: EffectNumber, natural: tuple[float, float] | None) -> Sear
 
 def _sizes(base: Base) -> dict[str, list[Sizes]]:
     """The natural sizes at each node, and at the nodes of each part, of the base model on the fitted records."""
-    runs = [base.exact[run.record.name] for run in base.problem.runs]
-    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
     sizes: dict[str, list[Sizes]] = {}
-    for node in nodes_of(runs[0].assembly.flat).values():
-        size = _of_node(node, [result.si for result in results], [result.time for result in results])
+    for node in nodes_of(base.results[0].assembly.flat).values():
+        size = _of_node(node, [result.si for result in base.results], [result.time for result in base.results])
         for name in (node.name, *dict.fromkeys(port.rpartition(".")[0] for port in node.ports)):
             sizes.setdefault(name, []).append(size)
     return sizes

@@ -23,18 +23,20 @@ of s_o. They preserve the cosine of two directions to about 1/sqrt(SKETCH) (W. B
 A parameter that varies by a factor 1 + a*g(t) is such an input as well: B, D are then the derivatives of the equations with
 respect to the parameter, times its value, and w = a*g.
 
-A law before an input adds w = y - u to the signal u that a part reads (see `search.signal_law`), and one in a channel adds
-it to the channel. An equation that differentiates u has the rate and the acceleration of w as inputs as well.
+A law before an input adds w = y - u to the signal u that a part reads, and one in a channel adds it to the channel. A law in
+series with a port adds w to the position or the across variable that the part reads from its node. An equation that
+differentiates what it reads has the rate and the acceleration of w as inputs as well. The equations of these laws, and of
+laws with states between nodes, are integrated along the base run (see `search.driven_law`).
 
-A law between nodes has no prescore if its through variables are not explicit formulas of the across variables: laws with
-states and implicit laws. The derivative s does not include changes that a law between nodes makes to the initial state of a
-record, for example to the equilibrium from which a machine starts.
+The derivative s does not include changes that a law makes to the initial state of a record, for example to the equilibrium
+from which a machine starts. A law in place of a part has no prescore, and neither has a law in a domain with several across
+variables if it has states or is in series.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -46,13 +48,13 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension, parse_quantity
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber
 from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.driven_law import SERIES, SIGNALS, DrivenLaw
 from heavebond.diagnosis.search.schedule import AT_LEAST, FIRST, PROMISING, REFITS, family, largest_gains
 from heavebond.diagnosis.search.scoring import SAME, Score, may_be_below_neutral, points_within, value_held
-from heavebond.diagnosis.search.signal_law import SignalLaw
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.places import sources_of
 from heavebond.estimation.residuals import Run
-from heavebond.language.definition import FACTOR, Component, Parameter, Value
+from heavebond.language.definition import FACTOR, Component, Domain, Parameter, Value
 from heavebond.language.library import Library
 from heavebond.language.symbols import Context, evaluate
 from heavebond.localise.ltv_model import AT_ONCE, Known, LtvModel, SourcedRecord, known_of, mapped
@@ -128,9 +130,9 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     All laws of a class at a place are selected if the prescored gain of one of them is at least the share `PROMISING` of the
     largest gain, and at least `VISIBLE`. Laws without a prescore are selected together with their class at the place. Of
     the near candidates, the first `REFITS` by their gains and all without a prescore in their class are selected as well,
-    and the others are postponed. The number of selected distant candidates is at most `EXACT`, those with the largest gains.
-    `as_one` maps nodes that move together to one of them. Without distant candidates, all near ones are selected: the exact
-    scores of a small diagram take less time than the adjoint runs.
+    and the others are postponed, with those that move no channel. The number of selected distant candidates is at most
+    `EXACT`, those with the largest gains. `as_one` maps nodes that move together to one of them. Without distant candidates,
+    all near ones are selected: the exact scores of a small diagram take less time than the adjoint runs.
 
     In a further step, only candidates with the gain `needed` are refitted, apart from a few. Selected are then those with
     the share `RELIABLE` of it, and the first `FEW` by their gains. `earlier` are scores of an earlier step by the label of
@@ -150,11 +152,12 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     distant = list(apart.values())
     if not distant:
         return Prescored(tuple(near), left_out=left_out)
-    tried = [c for c in near if c.attaches in ("across", "at", "input", "channel") and not c.members]
+    tried = [c for c in near if c.attaches in ("across", "at", SERIES, *SIGNALS) and not c.members]
     try:
         scores, without = prescores(base, [*tried, *distant])
     except (HeavebondError, np.linalg.LinAlgError):
         return Prescored(tuple(near), left_out={**left_out, **{c.label: NO_LINEAR_MODEL for c in distant}})
+    without_effect = {p.candidate.label for p in scores} - {p.candidate.label for p in scores if p.share > 0}
     scores = [p for p in scores if p.share > SAME]
     least = max(VISIBLE, PROMISING * max((p.gain for p in scores), default=0.0), RELIABLE * needed)
     families = largest_gains(scores, family)
@@ -169,9 +172,10 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
     hopeful = [c for c in ranked(distant) if families.get(family(c), 0.0) >= least][:EXACT]
     first = {c.label for c in ranked([c for c in tried if family(c) in families])[:FEW if needed else REFITS]}
     estimated = {p.candidate.label for p in expected}
-    postponed = [c for c in near if c.label not in first and families.get(family(c), 0.0) < least and (
-        expected_of_family[family(c)] < EARLIER * least if c.label in estimated else
-        family(c) in families and c in tried)]
+    postponed = [c for c in near if c.label in without_effect or (
+        c.label not in first and families.get(family(c), 0.0) < least and (
+            expected_of_family[family(c)] < EARLIER * least if c.label in estimated else
+            family(c) in families and c in tried))]
     selected = {c.label for c in hopeful}
     left_out |= {c.label: NO_PRESCORE if c.label in unknown else SMALL if c.label in known else UNSEEN
                  for c in distant if c.label not in selected}
@@ -239,13 +243,17 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
                     for run, part in zip(base.problem.runs, parts, strict=True)]
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
     media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
-    laws: dict[tuple[str, bool], StaticLaw | SignalLaw | None] = {}
+    laws: dict[tuple[str, str, bool], StaticLaw | DrivenLaw | None] = {}
     scores, without = [], []
     for candidate in candidates:
-        key = candidate.component, candidate.vanishes
+        key = candidate.component, candidate.attaches, candidate.vanishes
         if key not in laws:
             component = library.component(candidate.component)
-            laws[key] = StaticLaw.of(library, component, media, values) if candidate.vanishes else SignalLaw.of(component)
+            laws[key] = StaticLaw.of(library, component, media, values) \
+                if candidate.vanishes and candidate.attaches != SERIES else None
+            if laws[key] is None and not candidate.change.vary:
+                laws[key] = DrivenLaw.of(component, candidate.attaches, candidate.vanishes, library.domains,
+                                         _medium_values(component, library, media, values))
         law = laws[key]
         law_scores = _of(candidate, law, adjoints) if law is not None else []
         scores += law_scores
@@ -266,7 +274,8 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path, candidates: Seq
                                 if name in run.assembly.parameter_names and name not in elsewhere))
     variables = list(dict.fromkeys(_variable(c) for c in candidates if c.change.vary))
     inputs = list(dict.fromkeys(c.signal for c in candidates if c.attaches == "input"))
-    sourced = SourcedRecord(experiment, run.record, folder, sources_of, varied, inputs)
+    ports = list(dict.fromkeys(_port(c) for c in candidates if c.attaches == SERIES))
+    sourced = SourcedRecord(experiment, run.record, folder, sources_of, varied, [*inputs, *ports])
     known = [known_of(free, values[free.name]) for free in experiment.free.values()]
     point = {n: v for n, v in values.items() if n in sourced.assembly.parameter_values}
     sizes = {**sourced.assembly.parameter_values, **point}
@@ -292,6 +301,10 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path, candidates: Seq
                and (shared := flat.unknowns[index].name) in local}
     texts_of = {name: name for name in (*variables, *inputs) if name != "time"} | {
         f"channel {name}": output.shown.text for name, output in experiment.outputs.items()}
+    for port in ports:  # the through variable, and the across variable of the node
+        domain = flat.domains.get(port)
+        texts_of |= {name: name for name in (f"{port}.{m}" for m in (*domain.through, *domain.across))
+                     if name in flat.names} if domain is not None else {}
     texts = list(dict.fromkeys(texts_of.values()))
     # the run has the middles between the samples as well
     shown = dict(zip(texts, Probe(model.result.assembly, texts, si=True).values(model.result)[:, ::2], strict=True))
@@ -314,6 +327,11 @@ def _variable(candidate: Candidate) -> str:
     """The variable with which a parameter varies."""
     (part,) = candidate.change.components.values()
     return next(text.lstrip("= ") for text in part.values.values() if text.startswith("="))
+
+
+def _port(candidate: Candidate) -> str:
+    """The port with which a law is in series."""
+    return next(end[1:] for ends in candidate.change.nodes.values() for end in ends if end[0] == "-")
 
 
 def _signal(candidate: Candidate) -> str:
@@ -415,14 +433,29 @@ def _no_derivative(value: ca.SX) -> ca.SX:
     raise KeyError("der")
 
 
-def _constant(parameter: Parameter, domains: object, media: Mapping[str, str], values: Mapping[str, float]) -> float:
+def _of_medium(parameter: Parameter, domains: Iterable[Domain | None], media: Mapping[str, str],
+               values: Mapping[str, float]) -> float | None:
+    """The value of the medium in the circuit for a parameter; None if it is not one of a medium."""
+    full = (f"{media.get(domain.medium or '', '')}.{parameter.medium}" for domain in domains if domain is not None)
+    return next((values[name] for name in full if name in values), None) if parameter.medium else None
+
+
+def _medium_values(component: Component, library: Library, media: Mapping[str, str], values: Mapping[str, float]
+                   ) -> dict[str, float]:
+    """The values of the medium by the names of the medium's parameters that a component reads."""
+    domains = [library.domains.get(port.domain) for port in component.ports.values()]
+    return {p.medium: value for p in component.parameters.values()
+            if (value := _of_medium(p, domains, media, values)) is not None}
+
+
+def _constant(parameter: Parameter, domains: Iterable[Domain | None], media: Mapping[str, str], values: Mapping[str, float]
+              ) -> float:
     """The value of a parameter that is neither amplitude nor shape: the value of the medium in the circuit, or the
     default. KeyError if it has neither."""
     if parameter.count is not None:
         raise KeyError(parameter.name)
-    for domain in domains if parameter.medium else ():  # type: ignore[attr-defined]
-        if (full := f"{media.get(domain.medium, '')}.{parameter.medium}") in values:
-            return values[full]
+    if (value := _of_medium(parameter, domains, media, values)) is not None:
+        return value
     if not isinstance(parameter.default, Value):
         raise KeyError(parameter.name)
     return float(evaluate(parameter.default.expr, Context(_no_name, _no_derivative)))
@@ -432,7 +465,7 @@ def _no_name(text: str, name: Expr) -> ca.SX:
     raise KeyError(text)
 
 
-def _of(candidate: Candidate, law: StaticLaw | SignalLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
+def _of(candidate: Candidate, law: StaticLaw | DrivenLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
     """The prescores of one candidate. The list is empty if only some amplitudes have a neutral value, if a number is held at
     a motion that the law does not show, or if a node, signal or parameter is not a source of the linear model."""
     node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
@@ -446,21 +479,27 @@ def _of(candidate: Candidate, law: StaticLaw | SignalLaw, adjoints: Sequence[Adj
         (part,) = candidate.change.components.values()
         places, input_names = list(candidate.change.vary), [_variable(candidate)]
         fixed = {name: parse_quantity(text)[0] for name, text in part.values.items() if not text.startswith("=")}
-    elif candidate.attaches in ("input", "channel"):
+    elif candidate.attaches in SIGNALS:
         places, input_names = [_signal(candidate)], [_signal(candidate), "time"]
-    elif isinstance(law, SignalLaw):  # (only laws in signals have one)
-        return []
+    elif candidate.attaches == SERIES:
+        # what flows into the part flows out of the second port of the law
+        place, (flow, *across) = _port(candidate), (name.rpartition(".")[2] for name in law.given[:-1])
+        places, input_names = [place], [f"-{place}.{flow}", *(f"{place}.{name}" for name in across), "time"]
     else:
         # a flow into the component is a flow out of the node
-        places, input_names, sign = [at_node(name) for name in law.through], [at_node(name) for name in law.given], -1
+        places, sign = [at_node(name) for name in law.through], -1
+        input_names = [at_node(name) if "." in name else name for name in law.given]
     if len(candidate.vanishing) not in (0, sum(n.amplitude for n in candidate.numbers)) or not all(
-            set(places) <= a.gradients.keys() and set(input_names) <= a.courses.keys() for a in adjoints):
+            set(places) <= a.gradients.keys() and {name.lstrip("-") for name in input_names} <= a.courses.keys()
+            for a in adjoints):
         return []
-    courses = [np.array([a.courses[name] for name in input_names]) for a in adjoints]
+    courses = [np.array([-a.courses[name[1:]] if name[0] == "-" else a.courses[name] for name in input_names])
+               for a in adjoints]
     short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
     middle = {**{short[n.name]: 1.0 for n in candidate.numbers if n.sought is not None}, **fixed}
     # the motions as by `motion_ranges`, from the variables that the law shows in each record
-    seen = dict(zip(law.seen, np.hstack([law.at(course, middle)[1] for course in courses]), strict=True))
+    follows = any(n.follows for n in candidate.numbers)
+    seen = dict(zip(law.seen, np.hstack([law.at(course, middle)[1] for course in courses]), strict=True)) if follows else {}
     motions = {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
                if n.follows for course in [seen[n.follows.rpartition(".")[2]]]}
     if not np.all(np.isfinite([*motions.values()])):
@@ -478,15 +517,22 @@ def _of(candidate: Candidate, law: StaticLaw | SignalLaw, adjoints: Sequence[Adj
         products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
         for adjoint, course in zip(adjoints, courses, strict=True):
             tangents = law.at(course, {**fixed, **{short[name]: value for name, value in shapes.items()}})[0]
-            for k, place in enumerate(places):
-                products += sign * tangents[:, k] @ adjoint.gradients[place].T
+            for k, place in enumerate(places):  # in the precision of the gradients
+                size = float(np.abs(tangents[:, k]).max()) or 1.0
+                with np.errstate(over="ignore", invalid="ignore"):  # a law with an infinite slope
+                    products += sign * size * ((tangents[:, k] / size).astype(np.float32) @ adjoint.gradients[place].T)
         for group, amplitudes in zip(products, list(groups.values()) or [[]], strict=True):
             sketch = group[1:1 + SKETCH]
-            length = float(np.sqrt(np.mean(sketch**2)))
-            size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
-            if not (np.isfinite(length) and 0 < length < np.inf and size > 0):
+            with np.errstate(over="ignore"):  # a law with an infinite slope
+                length = float(np.sqrt(np.mean(sketch**2)))
+                size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
+            if not (np.isfinite(length) and np.isfinite(size)):
+                continue
+            signed, along = any(map(may_be_below_neutral, amplitudes)), tuple(n.name for n in amplitudes)
+            if not (length > 0 and size > 0):  # it moves no channel
+                scores.append(Prescore(candidate, shapes, 0.0, signed, 0.0, np.zeros(SKETCH), along))
                 continue
             noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else sketch
-            scores.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
-                                   length / size, noisy / length, tuple(n.name for n in amplitudes)))
+            z = float(-group[0] / length)
+            scores.append(Prescore(candidate, shapes, z, signed, length / size, noisy / length, along))
     return scores

@@ -31,7 +31,15 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.core.units import Dimension, Range, times
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, quantity
-from heavebond.diagnosis.search.base_model import Base, SharedDiagram, plain_residuals, responses, sensitivities, values_at
+from heavebond.diagnosis.search.base_model import (
+    ROUGH,
+    Base,
+    SharedDiagram,
+    plain_residuals,
+    responses,
+    sensitivities,
+    values_at,
+)
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.residuals import Run
 from heavebond.language.definition import SearchRange
@@ -102,9 +110,6 @@ PASSES = 1e-3
 # of the tangents of a stiff rig is 1 % with 10 (and a third more evaluations), 5 % with 1, and 100 % with 0.01. The size is
 # iterated in at most RUNS runs, until it changes by less than the factor STAYS.
 SIZED, RUNS, STAYS = 10.0, 6, 3.0
-# A difference of two search runs is treated as zero if it is below ROUGH times the error of one run: the errors of both may
-# add.
-ROUGH = 2.0
 
 
 # Shares of the duration at which the step of a parameter in time is scored. The tangent with respect to the time of a step

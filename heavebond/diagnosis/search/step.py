@@ -456,10 +456,8 @@ def _courses(base: Base) -> tuple[dict[str, tuple[str, Array]], dict[str, str]]:
     """The domain of each node of the base model and the time course of its across variable on all fitted records; and for
     each node, the first of the nodes that move together with it, for example because a lossless rope or lever connects
     them."""
-    runs = [base.exact[run.record.name] for run in base.problem.runs]
-    results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
-    courses = {node.name: (node.domain.name, np.concatenate([r.si[f"{node.name}.{node.across}"] for r in results]))
-               for node in nodes_of(runs[0].assembly.flat).values()}
+    courses = {node.name: (node.domain.name, np.concatenate([r.si[f"{node.name}.{node.across}"] for r in base.results]))
+               for node in nodes_of(base.results[0].assembly.flat).values()}
     as_one: dict[str, str] = {}
     for name, (domain, course) in courses.items():
         near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
@@ -499,11 +497,9 @@ POSITIONS = 50  # number of positions at which passes are counted
 def _displacements(candidate: Candidate, base: Base) -> list[Array]:
     """The displacement (N,) between the nodes of a candidate since the start of each fitted record; empty without a
     mechanical node."""
-    displacements = []
-    for run in (base.exact[run.record.name] for run in base.problem.runs):
-        nodes = nodes_of(run.assembly.flat)
-        ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
-        result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
+    displacements, nodes = [], nodes_of(base.results[0].assembly.flat)
+    ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
+    for result in base.results:
         # integrated from speeds: a diagram has positions only if an equation uses them
         speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
         if speeds:
@@ -552,11 +548,7 @@ def _signals(candidate: Candidate, base: Base) -> list[Array]:
     """The simulated course (N,) of the signal of a candidate, a channel or an input, in each fitted record."""
     outputs = base.problem.experiment.outputs
     signal = outputs[candidate.where[0]].shown.text if candidate.attaches == "channel" else candidate.signal
-    courses = []
-    for run in (base.exact[run.record.name] for run in base.problem.runs):
-        result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
-        courses.append(Probe(run.assembly, [signal], si=True).values(result)[0])
-    return courses
+    return [Probe(result.assembly, [signal], si=True).values(result)[0] for result in base.results]
 
 
 def retraced(displacements: Sequence[Array]) -> bool:
