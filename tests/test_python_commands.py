@@ -98,6 +98,8 @@ def test_energy_and_signal_are_those_of_the_commands(cart: Path) -> None:
     assert hb.signal(hb.read_run("run.csv"), "place", begin="1 s").cycles.number == one.cycles.number
     with pytest.raises(hb.UsageError, match="time-missing"):
         hb.signal(hb.Signal([1.0, 2.0], "m", "x"))
+    with pytest.raises(hb.UsageError, match="signal-source"):
+        hb.signal(hb.Diagram("rig"), "place")  # type: ignore[arg-type]
     with pytest.raises(hb.UsageError, match="unit-wrong"):
         hb.signal(run, "place", begin="1 m")
 

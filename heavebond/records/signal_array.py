@@ -55,8 +55,6 @@ class Signal(NDArrayOperatorsMixin):
     def __init__(self, values: Any, unit: str = "1", name: str = "", time: Array | None = None) -> None:
         """An array in a unit; UsageError for a unit that is not known."""
         _read(unit, name)
-        if "matplotlib.units" in sys.modules:
-            _register_units()
         self.magnitude: Array = np.asarray(values, dtype=float)
         self.unit, self.name = unit, name
         self.time = time if time is not None and np.shape(time) == self.magnitude.shape else None
@@ -66,9 +64,12 @@ class Signal(NDArrayOperatorsMixin):
         return values.copy() if copy and dtype is None else values
 
     def __getattr__(self, name: str) -> Any:
-        """Attributes and methods of the plain array (shape, reshape, tolist, ...)."""
+        """Attributes and methods of the plain array (shape, reshape, tolist, ...). matplotlib asks for some before it looks
+        for the converter of units, which is registered then, as matplotlib may be imported after the signal was made."""
         if name.startswith("__") or name == "magnitude":
             raise AttributeError(name)
+        if "matplotlib.units" in sys.modules:
+            _register_units()
         return getattr(self.magnitude, name)
 
     def __len__(self) -> int:

@@ -301,6 +301,9 @@ def signal(source: Signal | Run | str | Path, name: str = "", *, begin: float | 
     if isinstance(source, (str, Path)):
         course, = read_courses(Path(source), [name], time=time, begin=first, end=last)
         return SignalAnalysis(course, length, slope)
+    if not hasattr(source, "__getitem__"):
+        raise UsageError([Problem("signal-source", f"a signal comes from a run, not from a {type(source).__name__}", None,
+                                  f'Simulate it first: hb.signal(hb.simulate(...), "{name}").')])
     whole = source if isinstance(source, Signal) else source[name]
     part = whole.between(first, min(last, float(whole.time[-1]))) if whole.time is not None else whole
     axis = part.time
