@@ -242,6 +242,7 @@ def test_a_wrong_call_names_what_to_type(call: Callable[[hb.Diagram], object], c
     (lambda d: hb.sweep(d, "spring.c", "rms(place)"), "over-form", "over={"),
     (lambda d: hb.sweep(d, {"spring.c": ["3 kN/m"]}, "rms(plaice)", processes=1), "name-unknown", "'place'"),
     (lambda d: hb.simulate(d)["plaice"], "name-unknown", "'place'"),
+    (lambda d: hb.simulate(d)["load.x + load.v"], "units-differ", "they differ by a factor in s"),
 ])
 def test_a_mistake_of_a_new_user_names_what_to_type(call: Callable[[hb.Diagram], object], code: str, words: str) -> None:
     with pytest.raises(hb.HeavebondError, match=code) as caught:

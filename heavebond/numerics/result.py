@@ -600,7 +600,9 @@ def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
-    """The error for an unknown signal; positions that no equation uses must be requested by `also`."""
+    """The error for a formula of signals that is wrong; positions that no equation uses must be requested by `also`."""
+    if problem.code != "name-unknown":
+        return UsageError([Problem(problem.code, problem.message, None, problem.hint)])
     flat = assembly.flat
     hint = suggest(name, [*assembly.model.show, *flat.names]) or problem.hint
     node, _, member = name.rpartition(".")

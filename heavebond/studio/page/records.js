@@ -1,7 +1,7 @@
 // Records dropped on the page or chosen from the disk: stored in the folder, their columns proposed, an experiment made of them.
 
 import { sketch } from "./charts.js";
-import { busy, byId, el, number } from "./dom.js";
+import { busy, byId, el, message, number } from "./dom.js";
 import { problemList } from "./results.js";
 import { FMU, importModel } from "./home.js";
 import { variable } from "./tuning.js";
@@ -110,7 +110,7 @@ export class RecordFiles {
       } });
     } },
     el("h2", {}, `Records of ${stem(model)}`), el("p", { class: "said" }, "The role of each column is proposed from its name and unit; correct it if it is wrong. The input columns drive the model, and its outputs are compared with the output columns."),
-    ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, r)),
+    ...told.remarks.map((/** @type {string} */ r) => el("p", { class: "verdict" }, ...message(r))),
     el("ul", { class: "files aligned" }, ...uses.map((u, k) => el("li", {}, el("code", {}, u.file), el("select", { id: `use-${k}`, "aria-label": `use of ${u.file}`, onchange: (/** @type {any} */ e) => { u.use = e.target.value; } },
       ...USES.map(([value, text]) => el("option", { value, selected: value === u.use }, text)))))),
     files.length === 1 ? el("p", { class: "said" }, "With one record, its last third is held out of the fit. It is better to drop two records and to hold one out.") : null,

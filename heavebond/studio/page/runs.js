@@ -50,7 +50,7 @@ export class Runs {
   }
 
   /** The text has been checked: the problems of a run of an earlier text are no longer those of the diagram. @param {string} text */
-  checked(text) { if (this.failed !== null && this.failed !== text && !this.live && !this.busy) this.invite(); }
+  checked(text) { if (this.failed !== null && this.failed !== text && !this.live && !this.busy) { this.invite(); this.studio.say(""); } }
 
   /** @param {string} path @param {string|undefined} value */
   setValue(path, value) {
