@@ -77,19 +77,20 @@ LARGE = {"mega", "giga", "tera", "peta", "exa", "zetta", "yotta", "ronna", "quet
 ANGLES = {"radian", "degree", "turn", "revolution", "revolutions_per_minute", "revolutions_per_second"}
 _GAUGE = re.compile(r"(bar|mbar|psi|[kM]?Pa)_?(?:g|a|gauge|abs|rel)")
 _MISSPELT = re.compile(rf"(?<![\w*])(?:{'|'.join(SPELLINGS)})(?![A-Za-z0-9])")
-_PREFIXES = {"": Fraction(1), "c": Fraction(1, 100), "m": Fraction(1, 1000), "k": Fraction(10**3), "M": Fraction(10**6),
-             "G": Fraction(10**9)}
+_PREFIXES = {
+    "": Fraction(1), "p": Fraction(1, 10**12), "n": Fraction(1, 10**9), "u": Fraction(1, 10**6), "m": Fraction(1, 1000),
+    "c": Fraction(1, 100), "k": Fraction(10**3), "M": Fraction(10**6), "G": Fraction(10**9)}
 # symbol: size in base units, powers of m, kg, s, A, K, permitted prefixes, counted quantity
 _SYMBOLS: dict[str, tuple[Fraction, tuple[int, ...], str, str]] = {
-    "m": (Fraction(1), (1,), "cmk", ""), "kg": (Fraction(1), (0, 1), "", ""), "s": (Fraction(1), (0, 0, 1), "m", ""),
-    "A": (Fraction(1), (0, 0, 0, 1), "m", ""), "K": (Fraction(1), (0, 0, 0, 0, 1), "", ""),
-    "g": (Fraction(1, 1000), (0, 1), "", ""), "t": (Fraction(1000), (0, 1), "", ""),
+    "m": (Fraction(1), (1,), "nucmk", ""), "kg": (Fraction(1), (0, 1), "", ""), "s": (Fraction(1), (0, 0, 1), "num", ""),
+    "A": (Fraction(1), (0, 0, 0, 1), "num", ""), "K": (Fraction(1), (0, 0, 0, 0, 1), "", ""),
+    "g": (Fraction(1, 1000), (0, 1), "m", ""), "t": (Fraction(1000), (0, 1), "", ""),
     "min": (Fraction(60), (0, 0, 1), "", ""), "h": (Fraction(3600), (0, 0, 1), "", ""),
     "N": (Fraction(1), (1, 1, -2), "mkMG", ""), "Pa": (Fraction(1), (-1, 1, -2), "kMG", ""),
     "bar": (Fraction(10**5), (-1, 1, -2), "m", ""), "L": (Fraction(1, 1000), (3,), "m", ""),
-    "J": (Fraction(1), (2, 1, -2), "kM", ""), "W": (Fraction(1), (2, 1, -3), "kM", ""),
-    "V": (Fraction(1), (2, 1, -3, -1), "mk", ""), "ohm": (Fraction(1), (2, 1, -3, -2), "mk", ""),
-    "F": (Fraction(1), (-2, -1, 4, 2), "m", ""), "H": (Fraction(1), (2, 1, -2, -2), "m", ""),
+    "J": (Fraction(1), (2, 1, -2), "kM", ""), "W": (Fraction(1), (2, 1, -3), "mkM", ""),
+    "V": (Fraction(1), (2, 1, -3, -1), "umk", ""), "ohm": (Fraction(1), (2, 1, -3, -2), "mk", ""),
+    "F": (Fraction(1), (-2, -1, 4, 2), "pnum", ""), "H": (Fraction(1), (2, 1, -2, -2), "um", ""),
     "Hz": (Fraction(1), (0, 0, -1), "k", "cycles"),
     "rad": (Fraction(1), (), "m", "angle"), "deg": (Fraction(pi) / 180, (), "", "angle"),
     "rpm": (Fraction(pi) / 30, (0, 0, -1), "", "angle"),
@@ -142,6 +143,7 @@ class Unit:
 
 
 DIMENSIONLESS = Unit("1", 1.0, 0.0, ONE)
+CELSIUS = Unit("degC", 1.0, 273.15, (("K", Fraction(1)),))
 
 
 def dimension_of(exponents: Mapping[str, Fraction]) -> Dimension:
@@ -193,6 +195,8 @@ def unit(text: str) -> Unit:
     text = text.strip()
     if text in ("1", ""):
         return DIMENSIONLESS
+    if text == CELSIUS.text:
+        return CELSIUS
     if "^" in text:
         raise UnitProblem("unit-power", f"the power in '{text}' is written `**`", f"Write '{text.replace('^', '**')}'.")
     if len(text) > QUANTITY or not re.fullmatch(UNIT, text):

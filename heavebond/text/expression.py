@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 
@@ -488,11 +488,11 @@ def _longest_unit(word: str, remainder: str) -> str:
     if remainder.startswith("."):  # the last factor is the first part of a dotted name
         part = _without_last_factor(part)
     while part:
-        try:
-            read_unit(part)
-            return part
-        except UnitProblem:
-            part = _without_last_factor(part)
+        with suppress(UnitProblem):
+            if not part.endswith("*time"):  # which is no unit: the units library, slow to import, need not be asked
+                read_unit(part)
+                return part
+        part = _without_last_factor(part)
     return word
 
 
