@@ -305,6 +305,40 @@ def test_a_clock_that_never_ticks_is_reported(interfaces: str, interval: str, tm
     assert run["part.n"][-1] == 0
 
 
+@compiled
+@pytest.mark.parametrize(("kind", "ticks"), [
+    ('changing" shiftDecimal="0.1', (0.1, 0.4, 0.8, 1.3, 1.9)), ("countdown", (0.2, 0.5, 0.9, 1.4, 2.0))])
+@pytest.mark.parametrize("interfaces", [CO_SIMULATION, '<ModelExchange modelIdentifier="controller"/>'])
+def test_clocks_tick_at_the_instants_that_the_fmu_computes(interfaces: str, kind: str, ticks: tuple[float, ...],
+                                                           tmp_path: Path) -> None:
+    """An output clock, which is active at every second tick, too."""
+    described = CLOCKED.replace("INTERFACES", interfaces).replace('"constant" INTERVAL', f'"{kind}"').replace(
+        "</ModelVariables>", '<Float64 name="z" valueReference="6" causality="output" variability="discrete" clocks="11"/>'
+        '<Clock name="second" valueReference="11" causality="output" intervalVariability="triggered"/></ModelVariables>')
+    make_fmu(tmp_path / "controller.fmu", described, SOURCE.with_name("clocked.c"))
+    run = hb.simulate(hb.loads(CLOCKED_RIG, tmp_path), allow_fmu=True)
+    assert not run.verdict.findings
+    counts = np.searchsorted(np.array(ticks) - 1e-9, run.time, side="right")
+    assert run["part.n"] == pytest.approx(counts)
+    seen = counts > 0
+    assert run["part.y"][seen] == pytest.approx(2*np.array(ticks)[counts[seen] - 1], abs=1e-7)
+    assert run["part.z"][seen] == pytest.approx(2*np.array(ticks)[(counts[seen] - 1)//2*2], abs=1e-7)
+
+
+@compiled
+def test_a_triggered_clock_ticks_when_its_input_rises(tmp_path: Path) -> None:
+    described = CLOCKED.replace("INTERFACES", CO_SIMULATION).replace("INTERVAL", DECIMAL).replace(
+        'name="tick" valueReference="10"', 'name="tick" valueReference="12"').replace('clocks="10"', 'clocks="12"').replace(
+        '"constant"', '"triggered"')
+    make_fmu(tmp_path / "controller.fmu", described, SOURCE.with_name("clocked.c"))
+    model = hb.loads(CLOCKED_RIG.replace("u: ", 'tick: "=sin(2*pi*time/(1 s) + 0.1)", u: '), tmp_path)
+    assert "ticks at a communication if the input tick has risen above 0.5" in model.library.component(
+        "controller.fmu").restrictions
+    run = hb.simulate(model, allow_fmu=True)
+    assert run["part.n"][-1] == 2  # at 0.25 and 1.25 s
+    assert run["part.y"][-1] == pytest.approx(2*1.25, abs=1e-7)
+
+
 ARRAYS = """<UInt64 name="n" valueReference="8" causality="structuralParameter" variability="fixed" start="3"/>
 <Float64 name="weights" valueReference="5" causality="input" unit="mm" start="1 2 3"><Dimension valueReference="8"/>
 </Float64><Float64 name="scales" valueReference="6" causality="parameter" variability="fixed" start="10">

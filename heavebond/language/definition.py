@@ -608,8 +608,8 @@ class Body:
 @dataclass(frozen=True)
 class ForeignVariable:
     """A variable of an FMU: its `name` in the component, its name in the FMU, type and value reference. The SI value is
-    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`. A `clocked`
-    variable is computed when a clock of the FMU ticks."""
+    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`. `clocks` are
+    the value references of the clocks at whose ticks it is computed."""
 
     name: str
     own: str
@@ -619,23 +619,28 @@ class ForeignVariable:
     offset: float = 0.0
     element: int = 0
     size: int = 1
-    clocked: bool = False
+    clocks: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class ForeignClock:
-    """An input clock of an FMU: its name, value reference, interval in s, and first tick after the start in s."""
+    """An input clock of an FMU with known or calculated instants: its name, value reference, interval in s, and first tick
+    after the start in s. Of a `calculated` clock the FMU computes each interval, of a `countdown` the time to the next
+    tick."""
 
     own: str
     reference: int
     interval: float
     shift: float
+    calculated: bool = False
+    countdown: bool = False
 
 
 @dataclass(frozen=True)
 class Foreign:
     """The FMU behind a component: its file, inputs and outputs. `has_solver` is false for an FMU for model exchange.
-    `clocks` are its periodic clocks; `idle_clocks` name its other input clocks, which never tick."""
+    `clocks` are its input clocks that tick by themselves, `output_clocks` the value references of the clocks that it
+    activates in events; the triggered input clocks are inputs of the type Clock. `idle_clocks` name input clocks that never tick."""
 
     path: Path
     identifier: str
@@ -645,6 +650,12 @@ class Foreign:
     has_solver: bool = True
     clocks: tuple[ForeignClock, ...] = ()
     idle_clocks: tuple[str, ...] = ()
+    output_clocks: tuple[int, ...] = ()
+
+    @property
+    def has_events(self) -> bool:
+        """True if a clock needs the event mode of the FMU."""
+        return bool(self.clocks or self.output_clocks or any(v.type == "Clock" for v in self.inputs))
 
 
 _FIRST_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # of a name in a formula

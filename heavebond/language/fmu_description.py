@@ -43,13 +43,18 @@ def described(path: Path) -> tuple[str, Foreign]:
     if description.fmiVersion[:1] not in "23":
         raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
     clocks, idle_clocks = _clocks(path, description)
+    triggered = [v for v in description.modelVariables if v.type == "Clock" and v.causality == "input"
+                 and v.name not in {*idle_clocks, *(clock.own for clock in clocks)}]
+    output_clocks = tuple(int(v.valueReference) for v in description.modelVariables
+                          if v.type == "Clock" and v.causality == "output")
     # an FMU for co-simulation without events may have events, and therefore ticks, in model exchange
     has_solver = description.coSimulation is not None and not (
-        clocks and not description.coSimulation.hasEventMode and description.modelExchange is not None)
+        (clocks or triggered or output_clocks) and not description.coSimulation.hasEventMode
+        and description.modelExchange is not None)
     interface = description.coSimulation if has_solver else description.modelExchange
     if has_solver and not description.coSimulation.hasEventMode:
-        idle_clocks = (*(clock.own for clock in clocks), *idle_clocks)
-        clocks = ()
+        idle_clocks = (*(clock.own for clock in clocks), *(v.name for v in triggered), *idle_clocks)
+        clocks, triggered, output_clocks = (), [], ()
     if interface is None:
         raise _unusable(path, "is for scheduled execution only", "Export it for co-simulation or model exchange.")
     exchanged = [v for v in description.modelVariables
@@ -67,10 +72,13 @@ def described(path: Path) -> tuple[str, Foreign]:
     kept_names = [v.name for v in exchanged if not any(v is read for read in variables)]
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names, three = _Names(), description.fmiVersion.startswith("3")
-    known = {kind: [entry for v in variables if v.causality == kind for entry in _variables(v, names, reader, three)]
-             for kind in ("input", "output", "parameter")}
+    for v in triggered:
+        v.start = "0"
+    known = {kind: [entry for v in (*variables, *triggered) if v.causality == kind
+                    for entry in _variables(v, names, reader, three)] for kind in ("input", "output", "parameter")}
     inputs, outputs, parameters = (tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter"))
-    foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters, has_solver, clocks, idle_clocks)
+    foreign = Foreign(path, interface.modelIdentifier, inputs, outputs, parameters, has_solver, clocks, idle_clocks,
+                      output_clocks)
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
     return _text(description, known, kept_names, foreign), foreign
@@ -96,7 +104,7 @@ def _read(path: Path) -> Any:
 
 
 def _clocks(path: Path, description: Any) -> tuple[tuple[ForeignClock, ...], tuple[str, ...]]:
-    """The input clocks of an FMU with a constant or fixed interval, and the names of its other input clocks. FMPy does not
+    """The input clocks of an FMU that tick by themselves, and the names of those whose interval is not valid. FMPy does not
     read the intervals."""
     names = {v.name for v in description.modelVariables if v.type == "Clock" and v.causality == "input"}
     if not names:
@@ -107,18 +115,21 @@ def _clocks(path: Path, description: Any) -> tuple[tuple[ForeignClock, ...], tup
     idle: list[str] = []
     for element in root.iter("Clock"):
         values, name = element.attrib, element.attrib.get("name", "")
-        if name not in names:
+        kind = values.get("intervalVariability", "")
+        if name not in names or kind == "triggered":
             continue
         try:
             resolution = float(values.get("resolution", 1))
             interval = float(values["intervalDecimal"]) if "intervalDecimal" in values \
-                else float(values["intervalCounter"]) / resolution
+                else float(values["intervalCounter"]) / resolution if "intervalCounter" in values else 0.0
             shift = float(values.get("shiftDecimal", float(values.get("shiftCounter", 0)) / resolution))
-        except (KeyError, ValueError, ZeroDivisionError):
-            interval, shift = 0.0, 0.0
-        known = values.get("intervalVariability") in ("constant", "fixed")
-        if known and SHORTEST_INTERVAL <= interval < LARGEST and shift >= 0:
-            clocks.append(ForeignClock(name, int(values["valueReference"]), interval, shift))
+        except (ValueError, ZeroDivisionError):
+            interval, shift = 0.0, -1.0
+        calculated = kind in ("tunable", "changing", "countdown")
+        valid = calculated or (kind in ("constant", "fixed") and SHORTEST_INTERVAL <= interval < LARGEST)
+        if valid and 0 <= shift < LARGEST:
+            clocks.append(ForeignClock(name, int(values["valueReference"]), interval, shift, calculated,
+                                       kind == "countdown"))
         else:
             idle.append(name)
     return tuple(clocks), tuple(idle)
@@ -175,7 +186,7 @@ def _variables(v: Any, names: _Names, units: _Units, three: bool) -> list[tuple[
     indices = list(product(*(range(1, n + 1) for n in v.shape or ())))
     elements = [f"{v.name}[{','.join(map(str, index))}]" if index else v.name for index in indices]
     return [(ForeignVariable(names(element), element, kind, int(v.valueReference), scale, offset, k, len(elements),
-                             bool(getattr(v, "clocks", None))), unit, v)
+                             tuple(int(clock.valueReference) for clock in getattr(v, "clocks", None) or ())), unit, v)
             for k, element in enumerate(elements)]
 
 
@@ -199,7 +210,10 @@ def _text(description: Any, known: dict[str, list[tuple[ForeignVariable, str | N
         f"{'' if len(kept_names) == 1 else 's'}: signals are numbers, up to {FMU_VARIABLES}." if kept_names else ""
     integrated = "" if foreign.has_solver else \
         " An FMU for model exchange: it is integrated between two communications, with constant inputs."
-    ticks = [f"Its clock {clock.own} ticks every {clock.interval:g} s." for clock in foreign.clocks]
+    ticks = [f"Its clock {clock.own} ticks " + ("at instants that it computes." if clock.calculated else
+                                                f"every {clock.interval:g} s.") for clock in foreign.clocks]
+    ticks += [f"Its clock {v.own} ticks at a communication if the input {v.name} has risen above 0.5."
+              for v in foreign.inputs if v.type == "Clock"]
     ticks += [f"Its clock {name} never ticks." for name in foreign.idle_clocks]
     integrated += "".join(f" {tick}" for tick in ticks[:MOST_CLOCKS])
     tool = f", {description.generationTool}" if description.generationTool else ""

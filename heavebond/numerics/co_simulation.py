@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import tempfile
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -186,6 +186,9 @@ class Partners:
                 if part.stepper is None:
                     set_inputs()
                 elif len(inputs) and (part.inputs is None or not np.array_equal(inputs, part.inputs)):
+                    before = np.zeros(len(inputs)) if part.inputs is None else part.inputs
+                    part.stepper.clocks.trigger([v.reference for v, old, new in zip(part.foreign.inputs, before, inputs,
+                                                 strict=True) if v.type == "Clock" and old <= 0.5 < new])
                     part.stepper.change_inputs(set_inputs)
                     part.ended = part.stepper.ended
                 part.inputs = inputs
@@ -211,12 +214,12 @@ def _open(part: _Partner, folder: str) -> None:
         part.version, part.messages, part.reached = description.fmiVersion, deque(maxlen=LOG_LINES), np.nan
         part.times, part.outputs, part.inputs, part.ended = [], [], None, False
         part.instance = _instance(part, folder, description)
-        clocks = Clocks(part.instance, part.foreign.clocks, partial(_read_clocked, part))
+        clocks = Clocks(part.instance, part.foreign.clocks, part.foreign.output_clocks, partial(_read_clocked, part))
         part.clocked, part.stepper = {}, None
         if not part.foreign.has_solver:
             part.stepper = ModelExchange(part.instance, clocks, part.version, description.numberOfContinuousStates or 0,
                                          description.numberOfEventIndicators or 0)
-        elif part.foreign.clocks:
+        elif part.foreign.has_events:
             part.stepper = EventSteps(part.instance, clocks)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
         first_line = (str(error).splitlines() or [""])[0]
@@ -244,17 +247,17 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
 
     if part.foreign.has_solver:
         slave = fmi3.FMU3Slave(**arguments)
-        slave.instantiate(logMessage=heard3, eventModeUsed=bool(part.foreign.clocks))
+        slave.instantiate(logMessage=heard3, eventModeUsed=part.foreign.has_events)
         return slave
     instance = fmi3.FMU3Model(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
 
 
-def _read_clocked(part: _Partner) -> None:
-    """Store the outputs that an FMU computes when its clocks tick."""
+def _read_clocked(part: _Partner, ticking: Collection[int]) -> None:
+    """Store the outputs that an FMU computes when these of its clocks tick."""
     values = _get(part.instance, part.foreign.outputs)
-    part.clocked = {k: values[k] for k, variable in enumerate(part.foreign.outputs) if variable.clocked}
+    part.clocked |= {k: values[k] for k, variable in enumerate(part.foreign.outputs) if {*variable.clocks} & {*ticking}}
 
 
 _PARTNERS: WeakValueDictionary[int, _Partner] = WeakValueDictionary()  # by their environment in callbacks
@@ -328,6 +331,8 @@ def _set(instance: Any, variables: Sequence[ForeignVariable], values: Array) -> 
     """Set variables, the elements of an array in one call."""
     for first in (k for k, variable in enumerate(variables) if variable.element == 0):
         variable, raw = variables[first], []
+        if variable.type == "Clock":  # it ticks in an event
+            continue
         for value in values[first:first + variable.size]:
             number = float((value - variable.offset) / variable.scale)
             raw.append(number if variable.type in REALS else number > 0.5 if variable.type == "Boolean" else round(number))

@@ -29,6 +29,7 @@ MOST_UPDATES = 1000  # largest number of updates of the discrete states at one i
 MOST_STEPS = 5000  # largest number of steps of LSODA between two events; BDF makes all further steps
 MOST_EVENTS = 10_000  # largest number of events between two communication points
 SHORTER, MOST_REFUSED = 10.0, 8  # if the FMU has no derivatives in a step, it is repeated with shorter steps
+CHANGED, SHORTEST = 2, 1e-6  # fmi3IntervalChanged, and the shortest interval of a clock in s
 DISCARD = 2  # the status of a call that the FMU refuses at this point
 
 
@@ -37,33 +38,76 @@ class _Refused(Exception):
 
 
 class Clocks:
-    """The periodic input clocks of an instance of an FMU. `read` is called when clocks have been activated, before the FMU
-    updates its discrete states: only then are the outputs of these clocks valid."""
+    """The clocks of an instance of an FMU: input clocks that tick at known instants or at instants that the FMU computes,
+    input clocks that are triggered, and output clocks, which the FMU activates in events. `read` is called with the references of
+    the clocks that tick, before the FMU updates its discrete states: only then are the outputs of these clocks valid."""
 
-    def __init__(self, instance: Any, clocks: Sequence[ForeignClock], read: Callable[[], None]):
-        self._instance, self._clocks, self._read = instance, clocks, read
+    def __init__(self, instance: Any, clocks: Sequence[ForeignClock], outputs: Sequence[int],
+                 read: Callable[[Sequence[int]], None]):
+        self._instance, self._clocks, self._outputs, self._read = instance, clocks, outputs, read
+        self._calculated = [k for k, clock in enumerate(clocks) if clock.calculated]
+        self._triggered: list[int] = []
 
     def begin(self, time: float) -> None:
-        """Set the first instants of the clocks of a run."""
+        """Set the first instants of the clocks of a run, in event mode."""
         self._begin, self._ticks = time, [0] * len(self._clocks)
-
-    def _instants(self) -> list[float]:
-        return [self._begin + clock.shift + k * clock.interval for clock, k in zip(self._clocks, self._ticks, strict=True)]
+        self._instants = [np.inf if clock.countdown else time + clock.shift for clock in self._clocks]
+        self._intervals = [clock.interval for clock in self._clocks]
+        self._ask(time, ())
 
     @property
     def next(self) -> float:
         """The next instant of a clock."""
-        return min(self._instants(), default=np.inf)
+        return min(self._instants, default=np.inf)
+
+    def trigger(self, references: Sequence[int]) -> None:
+        """Let triggered input clocks tick at the next event."""
+        self._triggered += references
 
     def tick(self, time: float) -> None:
-        """Activate the clocks whose instant is reached, in event mode."""
+        """Activate the clocks whose instant is reached, and the triggered ones, in event mode."""
         reached = time + SAME * max(abs(time), time - self._begin)
-        due = [k for k, instant in enumerate(self._instants()) if instant <= reached]
-        if due:
-            self._instance.setClock([self._clocks[k].reference for k in due], [True] * len(due))
-            self._read()
+        due = [k for k, instant in enumerate(self._instants) if instant <= reached]
+        references = [*(self._clocks[k].reference for k in due), *self._triggered]
+        self._triggered = []
+        if references:
+            self._instance.setClock(references, [True] * len(references))
+        self.read(references)
         for k in due:
+            clock = self._clocks[k]
             self._ticks[k] += 1
+            self._instants[k] = np.inf if clock.calculated else self._begin + clock.shift + self._ticks[k] * clock.interval
+        self._due = [k for k in due if self._clocks[k].calculated and not self._clocks[k].countdown]
+
+    def read(self, ticking: Sequence[int] = ()) -> None:
+        """Read the outputs of these clocks and of the active output clocks."""
+        active = self._instance.getClock(self._outputs) if self._outputs else []
+        if ticking := [*ticking, *(reference for reference, on in zip(self._outputs, active, strict=True) if on)]:
+            self._read(ticking)
+
+    def renew(self, time: float) -> None:
+        """Ask for the next instants of calculated clocks, at the end of an event."""
+        self._ask(time, self._due)
+
+    def _ask(self, time: float, ticked: Sequence[int]) -> None:
+        count = len(self._calculated)
+        if not count:
+            return
+        references = (ctypes.c_uint32 * count)(*(self._clocks[k].reference for k in self._calculated))
+        intervals, qualifiers = (ctypes.c_double * count)(), (ctypes.c_int * count)()
+        self._instance.getIntervalDecimal(references, intervals, qualifiers)
+        for k, interval, qualifier in zip(self._calculated, intervals, qualifiers, strict=True):
+            clock = self._clocks[k]
+            if qualifier == CHANGED:
+                if not (np.isfinite(interval) and interval >= (0 if clock.countdown else SHORTEST)):
+                    raise RuntimeError(f"the interval of its clock {clock.own} is {interval:g} s at t = {time:.9g} s")
+                self._intervals[k] = interval
+                if clock.countdown:
+                    self._instants[k] = time + interval
+            if k in ticked:
+                if not self._intervals[k] >= SHORTEST:
+                    raise RuntimeError(f"the next interval of its clock {clock.own} is not known at t = {time:.9g} s")
+                self._instants[k] = time + self._intervals[k]
 
 
 class EventSteps:
@@ -112,7 +156,9 @@ class EventSteps:
         """Event iteration at the present instant, in event mode; then return to steps."""
         self.clocks.tick(self.time)
         changed_states, changed_nominals = first, first
-        for _ in range(MOST_UPDATES):
+        for round_ in range(MOST_UPDATES):
+            if round_:
+                self.clocks.read()
             again, ends, nominals, values, defined, time = self._update()
             changed_states, changed_nominals = changed_states or values, changed_nominals or nominals
             if ends:
@@ -122,6 +168,7 @@ class EventSteps:
                 break
         else:
             raise RuntimeError(f"its event iteration does not end at t = {self.time:.9g} s")
+        self.clocks.renew(self.time)
         self._next = min(time if defined else np.inf, self.clocks.next)
         self._leave_events(changed_states, changed_nominals)
 

@@ -175,7 +175,7 @@ class Result(facade.Displayed):
                      for path, leaf in flat.expanded.leaves.items() if leaf.component.placeholder]
         # clocks of FMUs
         findings += [Finding("clock", f"{path}.{name}", path, time, 0.0, None, "",
-                             "Clocks with a constant or fixed interval tick, in co-simulation if the FMU has an event mode")
+                             "Clocks tick in co-simulation only if the FMU has an event mode, and need a valid interval")
                      for path, leaf in flat.expanded.leaves.items() if leaf.component.foreign
                      for name in leaf.component.foreign.idle_clocks]
         if isinstance(step := self.statistics.get("step"), float):

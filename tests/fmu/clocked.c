@@ -1,5 +1,7 @@
 /* An integrator that a clock samples, as an FMU of FMI 3.0 for co-simulation with event mode and for model exchange, for the tests.
-   References: 1 u, 2 x with x' = u, 4 y = x while the clock is active and otherwise no number, 5 n ticks (integer), 10 clock. */
+   References: 1 u, 2 x with x' = u, 4 y = x while the clock is active and otherwise no number, 5 n ticks (integer), 10 and 12 input
+   clocks, 11 an output clock that is active at every second tick, 6 z = x while it is active. The interval after n ticks, if it
+   is calculated, is 0.2 + 0.1 n. */
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -46,7 +48,7 @@ int fmi3SetFloat64(void *c, const uint32_t *r, size_t n, const double *v, size_t
 int fmi3GetFloat64(void *instance, const uint32_t *r, size_t n, double *v, size_t m) {
   Clocked *c = instance;
   if (n != 1 || m != 1) return 3;
-  *v = *r == 1 ? c->u : *r == 2 ? c->x : *r == 3 ? c->u : c->active ? c->x : c->n ? NAN : 0;
+  *v = *r == 1 ? c->u : *r == 2 ? c->x : *r == 3 ? c->u : c->active && (*r != 6 || c->n % 2 == 0) ? c->x : c->n ? NAN : 0;
   return 0;
 }
 int fmi3GetInt32(void *c, const uint32_t *r, size_t n, int32_t *v, size_t m) {
@@ -54,8 +56,20 @@ int fmi3GetInt32(void *c, const uint32_t *r, size_t n, int32_t *v, size_t m) {
   return 0;
 }
 int fmi3SetClock(void *c, const uint32_t *r, size_t n, const bool *v) {
-  if (n != 1 || *r != 10) return 3;
+  if (n != 1 || (*r != 10 && *r != 12)) return 3;
   ((Clocked *)c)->active = *v;
+  return 0;
+}
+int fmi3GetClock(void *instance, const uint32_t *r, size_t n, bool *v) {
+  Clocked *c = instance;
+  if (n != 1 || *r != 11) return 3;
+  *v = c->active && c->n % 2 == 0;
+  return 0;
+}
+int fmi3GetIntervalDecimal(void *c, const uint32_t *r, size_t n, double *interval, int *qualifier) {
+  if (n != 1 || *r != 10) return 3;
+  *interval = 0.2 + 0.1 * ((Clocked *)c)->n;
+  *qualifier = 2;
   return 0;
 }
 int fmi3UpdateDiscreteStates(void *instance, bool *again, bool *ends, bool *nominals, bool *states, bool *defined, double *next) {
@@ -86,9 +100,9 @@ void fmi3FreeInstance(void *c) { free(c); }
 /* what importers look for, but do not call here */
 #define NONE(name) int fmi3##name(void *c) { return 3; }
 NONE(ActivateModelPartition) NONE(DeserializeFMUState) NONE(EnterConfigurationMode) NONE(EvaluateDiscreteStates)
-NONE(ExitConfigurationMode) NONE(FreeFMUState) NONE(GetAdjointDerivative) NONE(GetBinary) NONE(GetBoolean) NONE(GetClock)
+NONE(ExitConfigurationMode) NONE(FreeFMUState) NONE(GetAdjointDerivative) NONE(GetBinary) NONE(GetBoolean)
 NONE(GetDirectionalDerivative) NONE(GetEventIndicators) NONE(GetFMUState) NONE(GetFloat32) NONE(GetInt16) NONE(GetInt64)
-NONE(GetInt8) NONE(GetIntervalDecimal) NONE(GetIntervalFraction) NONE(GetNumberOfVariableDependencies)
+NONE(GetInt8) NONE(GetIntervalFraction) NONE(GetNumberOfVariableDependencies)
 NONE(GetOutputDerivatives) NONE(GetShiftDecimal) NONE(GetShiftFraction) NONE(GetString) NONE(GetUInt16) NONE(GetUInt32)
 NONE(GetUInt64) NONE(GetUInt8) NONE(GetVariableDependencies) NONE(GetVersion) NONE(InstantiateScheduledExecution)
 NONE(Reset) NONE(SerializeFMUState) NONE(SerializedFMUStateSize) NONE(SetBinary) NONE(SetBoolean) NONE(SetDebugLogging)
