@@ -608,8 +608,8 @@ class Body:
 @dataclass(frozen=True)
 class ForeignVariable:
     """A variable of an FMU: its `name` in the component, its name in the FMU, type and value reference. The SI value is
-    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`. `clocks` are
-    the value references of the clocks at whose ticks it is computed."""
+    scale * value + offset. An array of the FMU has one variable for each element, in order: `element` of `size`. `clocks`
+    are the value references of the clocks at whose ticks it is computed."""
 
     name: str
     own: str
@@ -640,7 +640,8 @@ class ForeignClock:
 class Foreign:
     """The FMU behind a component: its file, inputs and outputs. `has_solver` is false for an FMU for model exchange.
     `clocks` are its input clocks that tick by themselves, `output_clocks` the value references of the clocks that it
-    activates in events; the triggered input clocks are inputs of the type Clock. `idle_clocks` name input clocks that never tick."""
+    activates in events; the triggered input clocks are inputs of the type Clock. `idle_clocks` name input clocks that never
+    tick."""
 
     path: Path
     identifier: str

@@ -39,8 +39,8 @@ class _Refused(Exception):
 
 class Clocks:
     """The clocks of an instance of an FMU: input clocks that tick at known instants or at instants that the FMU computes,
-    input clocks that are triggered, and output clocks, which the FMU activates in events. `read` is called with the references of
-    the clocks that tick, before the FMU updates its discrete states: only then are the outputs of these clocks valid."""
+    input clocks that are triggered, and output clocks, which the FMU activates in events. `read` is called with the
+    references of the clocks that tick, before the FMU updates its discrete states: only then are their outputs valid."""
 
     def __init__(self, instance: Any, clocks: Sequence[ForeignClock], outputs: Sequence[int],
                  read: Callable[[Sequence[int]], None]):
