@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from heavebond.optimise.influence import Rankings, sensitivity
     from heavebond.optimise.objective import TuningProblem, tuning_task
     from heavebond.optimise.optimal import Optimal, OptimalProblem, optimal, optimal_task
+    from heavebond.optimise.predictive_control import PredictedPlan, PredictiveControl
     from heavebond.optimise.tuning import Tuned, tune
     from heavebond.pictures.motion import Motion, animate
     from heavebond.pictures.picture import Picture, draw
@@ -132,13 +133,15 @@ _EXPORTS = {
     "studies.study": ("load_study", "Study"),
     "optimise.objective": ("TuningProblem", "tuning_task"),
     "optimise.optimal": ("optimal", "optimal_task", "Optimal", "OptimalProblem"),
+    "optimise.predictive_control": ("PredictiveControl", "PredictedPlan"),
     "optimise.tuning": ("tune", "Tuned"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "EnergyAudit", "Estimator", "Experiment", "Fit",
     "FoundLaw", "HeavebondError", "ImportedModel", "Laws", "Localization", "Model", "ModelError", "Modes",
-    "ModesAtStart", "Monitoring", "Motion", "Optimal", "OptimalProblem", "Picture", "Rankings", "Result",
+    "ModesAtStart", "Monitoring", "Motion", "Optimal", "OptimalProblem", "Picture", "PredictedPlan", "PredictiveControl",
+    "Rankings", "Result",
     "RunWarning", "SavedRun", "Signal", "SignalAnalysis", "SimulationError", "Simulator", "StartError",
     "StateEstimate", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError",
     "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lead", "design_lqg",
@@ -158,6 +161,7 @@ _ELSEWHERE = {
     "try": "attempt", "import": "import_model", "eigenvalues": "modes", "influence": "sensitivity",
     "spectrum": "signal", "plot": "draw", "margins": "loop_margins",
     "kalman_filter": "Estimator", "estimate_states": "Estimator", "mhe": "moving_horizon", "watch": "monitor",
+    "nmpc": "PredictiveControl",
 }
 
 
