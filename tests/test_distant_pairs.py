@@ -118,7 +118,8 @@ CLASSES = {"bodies": ("dry friction", "viscous damping", "sensor offset"),
            "circuits": ("leakage", "tank overflow", "sensor offset")}
 
 
-@pytest.mark.parametrize("name", ["circuits", *(pytest.param(name, marks=pytest.mark.long) for name in ("bodies", "lumps"))])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["circuits", "bodies", "lumps"])
 def test_an_effect_between_nodes_that_no_component_joins_is_found(name: str, tmp_path: Path) -> None:
     """Among its class and others at all places; all classes take a minute."""
     experiment = written(tmp_path, name)
