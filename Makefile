@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # versions of all packages, so that every machine has the same environment; `make CONSTRAINTS=` takes the newest ones
 CONSTRAINTS ?= .ci/constraints.txt
 # files with tests marked `long`: the others need not be read for `make test-long`
-LONG := $(shell grep -l 'mark\.long\|partly(' tests/test_*.py)
+LONG := $(shell grep -l 'mark\.long\|partly' tests/test_*.py)
 
 # bytecode is kept: without it every worker, and every command that a test starts, compiles all that it imports
 unexport PYTHONDONTWRITEBYTECODE
