@@ -1,12 +1,14 @@
-"""`for_each` runs every case, reports all failures, and gives each case its own folder and patches."""
+"""`for_each` runs every case, reports all failures, gives each case its own folder and patches; the choice of long tests."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
-from collected import for_each
+from collected import for_each, partly
 
 
 def test_all_failing_cases_are_reported_and_none_is_left_out() -> None:
@@ -56,3 +58,19 @@ NUMBERS: list[int] = []
 def test_parts_divide_the_cases(number: int) -> None:
     NUMBERS.append(number)
     assert sorted(NUMBERS) == sorted(set(NUMBERS))
+
+
+def test_of_a_sweep_every_third_case_runs_with_the_fast_tests() -> None:
+    cases = partly([(1, "a"), (2, "b"), (3, "c"), (4, "d")], 3)
+    assert [cases[0], cases[3]] == [(1, "a"), (4, "d")]
+    assert [case.values for case in cases[1:3]] == [(2, "b"), (3, "c")]
+    assert {mark.name for case in cases[1:3] for mark in case.marks} == {"long"}
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_make_reads_every_file_with_long_tests() -> None:
+    folder = Path(__file__).parent
+    texts = {f"tests/{path.name}": path.read_text(encoding="utf-8") for path in folder.glob("test_*.py")}
+    long = {name for name, text in texts.items() if "mark.long" in text or "partly" in text}
+    told = subprocess.run(["make", "--dry-run", "test-long"], cwd=folder.parent, capture_output=True, text=True, check=True)
+    assert long == {word for word in told.stdout.split() if word.startswith("tests/test_")} and len(long) > 100
