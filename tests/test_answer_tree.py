@@ -111,6 +111,15 @@ def test_no_missing_effect_is_the_answer_where_the_residual_is_noise() -> None:
     assert effect.statement == "No effect is missing (93 %)." and effect.meaning == ""
 
 
+def test_no_law_that_explains_anything_is_stated_so() -> None:
+    """The weights of the laws are 0: all of it is outside the catalogue, at no known place."""
+    known = _evidence({FRICTION.label: 0.0, OFFSET.label: 0.0})
+    (effect,) = answer_tree([_step([FRICTION, OFFSET])], known, (), (), None, False).effects
+    _sums(effect.root)
+    assert effect.path == () and effect.meaning == ""
+    assert effect.statement == "No effect of the catalogue that was tried explains a noticeable part of the misfit."
+
+
 def test_a_search_that_was_ended_early_has_the_same_tree_with_wider_probabilities() -> None:
     """Half of the candidates were refitted: the effects are half as probable, and the answer says so far."""
     known = _evidence({FRICTION.label: 1.0})

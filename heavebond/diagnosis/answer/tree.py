@@ -521,6 +521,8 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     by = {node.level: node for node in path}
     if not path:
         likely = [f"{node.name} ({percent(node.probability)})" for node in root.children[:LAWS] if node.name != ANOTHER]
+        if not likely and best is None:
+            return "No effect of the catalogue that was tried explains a noticeable part of the misfit."
         return f"The records do not decide what is missing: {listing(likely, LAWS)}." if likely else \
             "No level of the answer is probable."
     system = by["system"]
