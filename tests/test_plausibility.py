@@ -12,7 +12,7 @@ from heavebond.core.units import DIMENSIONLESS
 from heavebond.diagnosis.answer.sentences import unusual_values
 from heavebond.diagnosis.candidates.catalogue import EffectNumber
 from heavebond.diagnosis.candidates.places import candidates
-from heavebond.diagnosis.search.step import ENDS_NO_MOTION, make_stage
+from heavebond.diagnosis.search.step import ACTS_ALWAYS, ENDS_NO_MOTION, make_stage
 from heavebond.estimation.experiment import FARTHEST, Experiment, load_experiment
 from heavebond.numerics.dae import assemble
 
@@ -73,6 +73,23 @@ def test_an_end_stop_that_always_holds_is_a_spring(tmp_path: Path) -> None:
                           "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
         stage = make_stage(made, number=1, classes=("end stop",))
         assert (stage.chosen is not None) == kept and (ENDS_NO_MOTION in stage.excluded.values()) != kept
+
+
+def test_a_saturation_that_always_acts_is_another_input(tmp_path: Path) -> None:
+    """The torque of a rotor is 0.3 N*m, whatever the record of its drive is: limits of 0.3 N*m would explain it. A torque
+    that is cut off at half of its amplitude is at a limit for two thirds of the time."""
+    t = np.arange(0, 10, 0.05)
+    u = np.sin(2*np.pi*t/2)
+    for name, torque, kept in (("constant", 0.3 + 0*t, False), ("cut", np.clip(u, -0.5, 0.5), True)):
+        (folder := tmp_path / name).mkdir()
+        w = 10 + np.concatenate([[0.0], np.cumsum((torque[1:] + torque[:-1]) / 2) * 0.05]) / 2
+        made = experiment(folder, ROTOR, {"t": t, "w": w + np.random.default_rng(2).normal(0, 0.01, len(t)), "tau": u},
+                          "drive.u: {column: tau, unit: N*m, interpolation: linear}",
+                          "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+        stage = make_stage(made, number=1, classes=("saturation",))
+        chosen = stage.chosen.candidate.label if stage.chosen is not None else ""
+        assert (chosen == "Saturation before drive.u") == kept
+        assert (stage.excluded.get("Saturation before drive.u") == ACTS_ALWAYS) != kept
 
 
 def test_a_bent_characteristic_is_no_candidate_for_a_temperature_far_from_absolute_zero(tmp_path: Path) -> None:

@@ -229,7 +229,8 @@ class Effect:
     the start of a record, each with the range in which it is sought separately for every record; meaning: a sentence on the
     effect with its values; requires: kinds of components of which one must be on the node of a port, kinds
     after EXCLUDES of which none may be, or that a variable REVERSES in the records; acts: a quantity that is above zero
-    while the effect acts; varies_with: for the factor of a parameter, the kind of its input (see VARIES_WITH).
+    while the effect acts; partly: True if it must also be idle for a part of the records (PARTLY before `acts`);
+    varies_with: for the factor of a parameter, the kind of its input (see VARIES_WITH).
     """
 
     kind: str
@@ -247,8 +248,10 @@ class Effect:
     acts: Formula | None = None
     varies_with: tuple[str, ...] = ()
     begins: dict[str, SearchRange] = field(default_factory=dict)
+    partly: bool = False
 
 
+PARTLY = "partly "  # `acts:` of a law with a limit: it must act in a part of the records and be idle in another
 REVERSES = "reverses"  # `requires:` of a variable: that it moves in both directions
 EXCLUDES = "no "  # `requires:` of a port: before a kind of component that must not be on its node
 

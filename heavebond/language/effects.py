@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from collections.abc import Mapping as Dictionary
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either, listing, suggest
 from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generic, parse_range
@@ -15,6 +15,7 @@ from heavebond.language.definition import (
     EXCLUDES,
     FACTOR,
     HELD,
+    PARTLY,
     REVERSES,
     VARIES_WITH,
     Component,
@@ -157,6 +158,8 @@ class EffectReader:
             else:
                 attachments.append(word.text)
         attaches = tuple(attachments)
+        acts = entry.items.get("acts")
+        partly = isinstance(acts, Scalar) and acts.text.startswith(PARTLY)
         effect = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
@@ -164,9 +167,9 @@ class EffectReader:
             tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
             self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
             read_meaning(entry.items.get("meaning"), self.problems),
-            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
+            self._requires(entry.items.get("requires")), self._acts(acts),
             self._varies_with(entry.items.get("varies_with"), attaches),
-            self._shapes(entry.items.get("begins"), "begins"))
+            self._shapes(entry.items.get("begins"), "begins"), partly)
         self._check(entry)
         self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
         return effect
@@ -294,7 +297,10 @@ class EffectReader:
         return requirements
 
     def _acts(self, node: Node | None) -> Formula | None:
-        """A formula of the component's own parameters, variables and signals."""
+        """A formula of the component's own parameters, variables and signals; without the word PARTLY before it."""
+        if isinstance(node, Scalar) and node.text.startswith(PARTLY):
+            text = node.text.removeprefix(PARTLY)
+            node = replace(node, text=text, place=node.place.moved(len(PARTLY), len(text)))
         formula = reading.formula_of(node, "acts", self.problems) if node is not None else None
         known = {**self.parameters, **self.variables, **self.signals}
         for name in names(formula.tree) if formula is not None else ():

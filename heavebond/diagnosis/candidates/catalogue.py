@@ -124,6 +124,7 @@ class Candidate:
     * members: if the law acts at several places at once, labels of the candidates at the single places.
     * old: component of the replaced part.
     * acts: quantity of the diagram that is positive while the effect acts.
+    * partly: True if it must also be idle for a part of the records.
     * reverses: variable of the new part whose motion the effect ends, so that it must reverse; empty for other effects.
     * begins: parameters of the state at the start, with a value for each record.
     """
@@ -142,6 +143,7 @@ class Candidate:
     members: tuple[str, ...] = ()
     old: str = ""
     acts: str = ""
+    partly: bool = False
     reverses: str = ""
     begins: tuple[str, ...] = ()
 
@@ -300,7 +302,7 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, placed: 
     acts."""
     acts = effect.acts
     if acts is not None:
-        placed = [replace(c, acts=component.in_diagram(acts, c.name)) for c in placed]
+        placed = [replace(c, acts=component.in_diagram(acts, c.name), partly=effect.partly) for c in placed]
     for variable in (key for key, required in effect.requires.items() if REVERSES in required):
         placed = [replace(c, reverses=f"{c.name}.{variable}") for c in placed]
     for key, sought in effect.begins.items():

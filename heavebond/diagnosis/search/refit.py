@@ -21,6 +21,7 @@ from time import process_time
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, ModelError, SimulationError, StartError
 from heavebond.core.progress import Progress
@@ -119,6 +120,7 @@ SECONDS = 60.0  # processor time after which a refit is not continued
 WIDENED = 2  # maximum number of times that the range of an amplitude is widened (see `refit_starts.WIDE`)
 ASIDE = 0.02  # a limit without influence is moved to this share of its range from the end,
 UNFELT = 4.0  # if chi-square rises by at most this (two standard deviations), in units of the residual per sample
+IDLE = 0.05  # share of the time: fewer samples show hardly that a law has a limit
 CLOSE = 1e-8  # relative change of the sum of squares at which a refit for a close comparison ends
 # Amplitudes of a scan, in units of a first value, and the factors by which the best of them is then changed.
 SCAN = tuple(2.0 ** k for k in range(-8, 9))
@@ -560,21 +562,27 @@ class _RefitProblem:
                      finer=self.finer, acts=acts, own={**record_values, **held_out} if each else {})
 
     def _acts(self, runs: Sequence[Run], inner: Array) -> bool:
-        """True if the effect acts at some time in the fitted records. A stop must also end the motion: in one record it is
-        reached from the free motion, and it yields less than this motion is wide. Otherwise it is a spring."""
+        """True if the effect acts at some time in the fitted records.
+
+        A law with a limit (`Candidate.partly`) must also be idle for the share `IDLE` of the time: a saturation that always
+        acts is another input. A stop must end the motion: in one record it is reached from the free motion, and it yields
+        less than this motion is wide. Otherwise it is a spring."""
         candidate, reached, yields, free = self.candidate, False, 0.0, 0.0
+        active: list[NDArray[np.bool_]] = []
         for run in runs:
             result = run.simulator.run(self.problem.values_of(inner, run.record.name))
             wanted = [candidate.acts, *([candidate.reverses] if candidate.reverses else [])]
             acting, *position = Probe(run.assembly, wanted, si=True).values(result)
+            active.append(acting > 0)
             if not position:
-                if np.any(acting > 0):
-                    return True
                 continue
             reached = reached or bool(np.any((acting[1:] > 0) & (acting[:-1] <= 0)))
             yields = max(yields, float(acting.max()))
             free = max(free, float(np.ptp(position[0][acting <= 0])) if np.any(acting <= 0) else 0.0)
-        return reached and yields < free
+        if candidate.reverses:
+            return reached and yields < free
+        share = float(np.mean(np.concatenate(active)))
+        return 0 < share <= (1 - IDLE if candidate.partly else 1)
 
     def slack(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> float:
         """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.

@@ -68,6 +68,7 @@ SCORING = 0.5  # and the share of it after which no candidate is scored, so that
 # A candidate is justified if chi-square on held-out data falls by this, in units of the residual per sample. The square of a
 # standard normal number exceeds it by chance less than once in a thousand cases.
 EARNED = 12.0
+ACTS_ALWAYS = "it never acts in the fitted records, or always, as a law without a limit does"
 ENDS_NO_MOTION = "in the fitted records no free motion ends at it, or it yields further than that motion, as a spring does"
 
 
@@ -300,8 +301,8 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
             partial, tests = True, leftover(base, scores, prescored.scores)
             twins = twins or planned(scores, as_one)[2]
     if not always:
-        excluded |= {label: ENDS_NO_MOTION if t.candidate.reverses else "it never acts in the fitted records"
-                     for label, t in refits.trials.items() if not t.acts}
+        excluded |= {label: ENDS_NO_MOTION if t.candidate.reverses else ACTS_ALWAYS if t.candidate.partly
+                     else "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
     if not always or len(proposed) > 1:
         excluded |= {label: "the channel passes most values only once, so that the curve is one over time, and it does not "
                      "hold for other records" for label, t in refits.trials.items() if _of_one_time(t, base)}
