@@ -241,3 +241,22 @@ def test_short_pulse_behind_a_delay_keeps_its_area_and_its_values():
     assert run["i.y"][-1] == pytest.approx(0.05 * np.sqrt(np.pi), rel=1e-6)
     assert run.sensitivity("i.y", "w")[-1] == pytest.approx(np.sqrt(np.pi), rel=1e-4)
     np.testing.assert_allclose(run["d.y"], np.exp(-((run.time - 25.123) / 0.05)**2), atol=1e-7)
+
+
+def test_jumps_of_a_delayed_signal_far_below_its_usual_size_remain_jumps():
+    """A sampled torque of 1e-12 N*m arrives 33 ms later, as rectangles: it is far below the share 1e-10 of 10 kN*m."""
+    run = hb.simulate(hb.loads("""
+model: sampled
+components:
+  m: {is: Inertia, J: 1e-12 kg*m**2}
+  h: {is: SampleHold, T_s: 20 ms, u: "=8e-12 N*m*sin(5*time/(1 s))"}
+  d: {is: Delay, T: 33 ms, u: =h.y}
+  p: {is: TorqueSource, u: =d.y}
+nodes: {b: [m.a, p.a]}
+initial: {b.phi: 0 rad, b.w: 0 rad/s}
+simulate: {until: 1.5 s, every: 10 ms}
+"""))
+    samples = 0.02 * np.arange(75)
+    passed = np.clip(run.time[:, None] - samples - 0.033, 0, 0.02)
+    assert run.si["b.w"] == pytest.approx(passed @ (8 * np.sin(5 * samples)), abs=1e-9)  # pieces between exact instants
+    assert run.verdict.status == "clean"

@@ -123,3 +123,28 @@ def test_a_steady_start_that_does_not_exist_is_an_error_of_the_initialisation(tm
 def test_a_state_that_is_set_before_the_initialisation_is_kept(tmp_path: Path) -> None:
     found = simulated(tmp_path, HANGING, {"m.m": 20.0, "m.x": -0.1}, 0.1)
     assert found["x"][0] == -100.0
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_filters_start_at_a_state_that_is_set_before_the_initialisation(version: int, tmp_path: Path) -> None:
+    """A body between 310 K, in place of 300 K, and 350 K: a filtered derivative of its temperature starts at 0, not at
+    10 K/s, and a lag at 310 K."""
+    export_fmu(loads("""
+model: sensors
+components:
+  a: {is: Ambient, T_0: 350 K}
+  r: {is: ThermalResistance, R: 1 K/W}
+  h: {is: HeatCapacity, m: 1 kg, c: 100 J/(kg*K)}
+  s: {is: TemperatureSensor}
+  d: {is: FilteredDerivative, T_f: 1 s}
+  l: {is: FirstOrderLag, T_1: 10 s}
+nodes: {a: [a.a, r.a], h: [r.b, h.a, s.a], y: [s.y, d.u, l.u]}
+initial: {h.T: 300 K}
+show: {d: {is: d.y, unit: K/s}, l: {is: l.y, unit: K}, T: {is: h.T, unit: K}}
+simulate: {until: 10 s, every: 1 s}
+"""), tmp_path / "m.fmu", version=version)
+    found = fmpy.simulate_fmu(str(tmp_path / "m.fmu"), fmi_type="CoSimulation", stop_time=10.0, output_interval=1.0,
+                              start_values={"h.T": 310.0}, output=["d", "l", "T"])
+    t = found["time"]
+    assert (found["T"][0], found["l"][0]) == pytest.approx((310, 310), rel=1e-12)
+    assert found["d"] == pytest.approx(40 * (np.exp(-t / 100) - np.exp(-t)) / 99, abs=1e-6)

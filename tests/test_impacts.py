@@ -245,3 +245,20 @@ def test_a_speed_that_is_set_without_an_impulse_on_what_is_coupled_is_refused(tm
     (tmp_path / "lever.yaml").write_text(ONE_STATE)
     result = hb.simulate(tmp_path / "lever.yaml")
     assert result["q.v"].max() == pytest.approx(1.0, abs=1e-6) and result["p.v"].min() == pytest.approx(-1.0, abs=1e-6)
+
+
+def test_a_body_that_begins_inside_a_rigid_stop_is_reported() -> None:
+    """Where a body rests 1 rad inside the stop, nothing moves, and the run is not clean."""
+    with pytest.warns(hb.RunWarning, match=r"s.gap reaches -1 rad.*inside the stop"):
+        run = hb.simulate(hb.loads("""
+model: inside
+components:
+  m: {is: TorqueSource, u: 2 N*m}
+  i: {is: Inertia, J: 0.05 kg*m**2}
+  s: {is: RotationalRigidStop, e: 0.5, phi0: 1 rad}
+  w: {is: FixedShaft}
+nodes: {x: [m.a, i.a, s.a], w: [s.b, w.a]}
+initial: {x.w: 0 rad/s, x.phi: 0 rad}
+simulate: {until: 0.5 s, every: 0.1 s}
+"""))
+    assert run.verdict.status == "outside"

@@ -269,3 +269,36 @@ simulate: {until: 2 s, every: 10 ms}
 """))
     t, slip = found.time, 4 / 3
     assert found.si["y.w"] == pytest.approx(np.where(t < slip, 2 * t**2, 2 * slip**2 + 5 * (t - slip)), rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.parametrize(("force", "mass", "turning"), [
+    (1e-2, 1e-2, False), (1e-3, 1.0, True), (1e-6, 1.0, False), (1e-6, 1e-6, True), (1e-9, 1e-9, False)])
+def test_contacts_of_tiny_forces_in_parallel(force: float, mass: float, turning: bool) -> None:
+    """Two contacts of F each under F t/s: both slide at 2 s, with 0.8 of the force. No unknown is left at a size that does
+    not fit, and a size that the diagram states is accepted."""
+    text = f"""
+model: block
+components:
+  w: {{is: Fixed}}
+  m: {{is: Mass, m: {mass} kg}}
+  f: {{is: DryFriction, F_c: {0.8 * force} N, F_s: {force} N}}
+  g: {{is: DryFriction, F_c: {0.8 * force} N, F_s: {force} N}}
+  p: {{is: ForceSource, u: "={force} N/s*time"}}
+nodes: {{w: [w.a, f.a, g.a], x: [m.a, f.b, g.b, p.a]}}
+initial: {{x.x: 0 m, x.v: 0 m/s}}
+nominal: {{f.b.f: {force} N}}
+simulate: {{until: 3 s, every: 10 ms}}
+"""
+    if turning:
+        for old, new in (("Fixed", "FixedShaft"), ("Mass, m:", "Inertia, J:"), ("kg}", "kg*m**2}"), ("F_c", "M_c"),
+                         ("DryFriction", "RotationalDryFriction"), ("F_s", "M_s"), (" N,", " N*m,"), (" N}", " N*m}"),
+                         ("ForceSource", "TorqueSource"), ("N/s", "N*m/s"), ("x.x: 0 m", "x.phi: 0 rad"), ("b.f:", "b.tau:"),
+                         ("x.v: 0 m/s", "x.w: 0 rad/s")):
+            text = text.replace(old, new)
+    for diagram in (text, "\n".join(line for line in text.splitlines() if not line.startswith("nominal"))):
+        found = hb.simulate(hb.loads(diagram))
+        late = np.maximum(found.time - 2, 0)
+        exact = force / mass * (0.4 * late**2 / 2 + late**3 / 6)
+        assert found.verdict.status == "clean"
+        # a motion of 4e-4 keeps the absolute tolerance of 1e-10; stuck bodies creep by F_s/m_r*1e-15 s a second, far less
+        assert found.si["x.phi" if turning else "x.x"] == pytest.approx(exact, abs=3e-6 * exact.max())

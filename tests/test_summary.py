@@ -120,6 +120,23 @@ def test_start_table_tells_asked_used_and_why(tmp_path: Path) -> None:
     assert "50 mm" in text.split("Initial conditions")[1]
 
 
+def test_start_values_are_shown_in_the_units_of_the_diagram() -> None:
+    found = hb.check(hb.loads("""
+model: plate
+components:
+  h: {is: HeatCapacity, m: 1 kg, c: 460 J/(kg*K)}
+  i: {is: Inertia, J: 1 kg*m**2}
+nodes: {a: [h.a], x: [i.a]}
+initial: {a.T: 68 degF, x.w: 3000 rpm, x.phi: 1e-14 rad}
+simulate: {until: 1 s}
+"""))
+    lines = [line.split() for line in str(found).split("Initial conditions")[1].splitlines()]
+    assert ["a.T", "68", "degF", "68", "degF", "asked", "for"] in lines
+    assert ["x.w", "3000", "rpm", "3000", "rpm", "asked", "for"] in lines
+    # a tiny value that was specified is no rounding error
+    assert ["x.phi", "1e-14", "rad", "1.0000e-14", "rad", "asked", "for"] in lines
+
+
 def test_parameters_solved_for_stand_apart() -> None:
     assembly = hb.assemble(hb.load("cmc_ahc"))
     found = summary(assembly, start(assembly))

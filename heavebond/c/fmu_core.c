@@ -78,8 +78,10 @@ static const char *set_values(Values *now, const Reference references[], size_t 
     double *place;
     if (references[k] >= OUTPUTS || i == TIME || (i >= RATES && i < PARAMETERS)) return NO_SETTING;
     if (now->starting && i < RATES) { /* setting a state to the exported value does not replace the start */
-      if (values[k] == model_x_start[i - STATES] && !now->own) continue;
-      now->own = true;
+      int specified = model_start_of_x[i - STATES];
+      if (values[k] == model_x_start[i - STATES] && !now->own && specified < 0) continue;
+      if (specified >= 0) now->p[specified] = values[k]; /* other states may follow from it */
+      else now->own = true;
     }
     place = i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS];
     now->history.set = now->history.set || *place != values[k];

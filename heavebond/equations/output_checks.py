@@ -87,6 +87,6 @@ def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping
         except ExpressionProblem as problem:
             add_formula_problem(problem, setting.value, problems)
         if len(problems.found) == before:
-            sized[names[path]] = replace(unknown, nominal=number, plausible=replace(
+            sized[names[path]] = replace(unknown, nominal=number, usual=unknown.nominal, plausible=replace(
                 unknown.plausible, typical=max(unknown.plausible.typical, number)))
     return sized

@@ -73,6 +73,7 @@ class Unknown:
     # a position or velocity of a free body: preferred as a state to the lengths of struts that carry it
     root: bool = False
     plausible: PlausibleRange = NOTHING_KNOWN
+    usual: float = 0.0  # size that the diagram replaces by a nominal one of its own
 
 
 @dataclass(frozen=True)

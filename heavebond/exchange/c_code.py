@@ -119,7 +119,8 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: Fixed
         del arrays[0]  # the sizes are in the header
         arrays += _real_time_arrays(exported, prefix, fixed)
     return "\n".join([*head, "#include <stdio.h>", used, *arrays,
-                      *([*_rule_arrays(exported, prefix), *_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
+                      *([*_rule_arrays(exported, prefix), *_event_arrays(exported, prefix),
+                         *_start_arrays(exported, prefix, whole),
                          *_delay_arrays(exported, prefix, longest=not fixed)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts), *([programs] if programs else [])])
@@ -312,12 +313,14 @@ def _delay_arrays(exported: Portable, prefix: str, longest: bool) -> list[str]:
               if longest else [])]
 
 
-def _start_arrays(exported: Portable, prefix: str) -> list[str]:
-    """The sizes of the conditions of the start, 0 if no settable value changes it; and the values on which it depends."""
+def _start_arrays(exported: Portable, prefix: str, whole: bool) -> list[str]:
+    """The sizes of the conditions of the start, 0 if no settable value changes it; the values on which it depends, and of
+    an FMU, whose states can be set before, the parameters that hold their specified values."""
     starting = exported.starting
     conditions, _, guesses = (starting.conditions.numel_out(k) for k in range(3))
     counts = (conditions, guesses, len(starting.solved_for), int(starting.square)) if starting.follows else (0, 0, 0, 0)
     numbers = {"solved": starting.solved_for, "by_p": [int(b) for b in starting.by_parameters],
+               **({"of_x": starting.of_states} if whole else {}),
                "by_u": [int(b) for b in starting.by_inputs]}
     return [
         "enum { " + ", ".join(f"{prefix}_{name} = {count}" for name, count in zip(

@@ -69,14 +69,16 @@ class Quantity:
 class StartConditions:
     """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals,
     their gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
-    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` are the values on which the start depends;
-    `square` is True if its conditions determine all unknowns."""
+    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` are the values on which the start depends,
+    `of_states` the parameters that hold the specified values of the states (-1 for a state without); `square` is True if
+    its conditions determine all unknowns."""
 
     conditions: ca.Function
     solved_for: tuple[int, ...]
     sizes: tuple[float, ...]
     by_parameters: tuple[bool, ...]
     by_inputs: tuple[bool, ...]
+    of_states: tuple[int, ...]
     square: bool
 
     @property
@@ -387,8 +389,12 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
                           [inputs_with_rates, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
-    by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
+    numbers = {name: k for k, name in enumerate(assembly.parameter_names)}
+    specified = {c.name: numbers.get(f"initial.{c.name}", -1) for c in equations.initial.conditions.values() if not c.guess}
+    of_states = tuple(specified.get(name, -1) for name in assembly.state_names)
+    by_parameters = tuple(s.element_hash() in used and k not in fixed and (k in of_states or not name.startswith(DERIVED))
                           for k, (name, s) in enumerate(zip(assembly.parameter_names, split(p), strict=True)))
+    of_states = tuple(k if k >= 0 and by_parameters[k] else -1 for k in of_states)
     by_inputs = tuple(s.element_hash() in used for s in split(arguments[4]))
     point = Point(first.t, first.x, first.z, first.p, held_still(column, first.t) if equations.steady else column,
                   0.0 if equations.steady else 1.0)
@@ -402,7 +408,7 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     columns = [ca.densify(sides[0]), ca.vec(ca.densify(sides[1]).T), ca.densify(sides[2]), ca.vec(ca.densify(sides[3]).T),
                ca.densify(sides[4])]
     return StartConditions(ca.Function(label, arguments, ca.cse(counted(columns))), tuple(equations.solved_for),
-                           tuple(sizes.tolist()), by_parameters, by_inputs, bool(square))
+                           tuple(sizes.tolist()), by_parameters, by_inputs, of_states, bool(square))
 
 
 def derived(base: Unit, order: int) -> Unit:

@@ -203,6 +203,14 @@ class Assembly:
             sizes, origins = np.tile(sizes, blocks), np.pad(origins, (0, len(origins) * (blocks - 1)))
         return np.asarray((x.T * sizes + origins).T)
 
+    @property
+    def z_usual(self) -> Array:
+        """The sizes (n_z,) of the algebraic unknowns that decide whether an equation determines one: the nominal ones, or
+        the usual sizes of their units if these are larger. Whether the equations have a solution does not depend on the
+        tolerances of a run."""
+        unknowns = [self.flat.unknowns[j] for j, _ in self.reduced.algebraic]
+        return np.maximum(self.z_nominal, [max(u.nominal, u.usual) for u in unknowns])
+
     def with_sizes(self, sizes: Mapping[str, Size]) -> Assembly:
         """The same equations with other nominal sizes of states and algebraic unknowns, by name: those that scale the
         integration and its absolute tolerances. A state with an origin is integrated as its difference from there, to which
@@ -551,13 +559,16 @@ class Integrand:
 
 def smallest_pivot(assembly: Assembly) -> float:
     """The size below which a pivot of the integrator's Newton matrix is zero: SMALLEST_PIVOT, or less where the gradients
-    of a loop are tiny from the beginning, as the residuals of loops are not scaled.
+    of a loop are tiny from the beginning, as the residuals of loops are not scaled, or where an unknown has a nominal size
+    far below the usual one.
 
     The gradients are taken at equal pressures, where the regularised laws are steepest. A loop without a gradient at that
     point, such as an open contact, does not count.
     """
     rows = _row_sizes(assembly) * _row_scales(assembly)
-    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
+    least_gradient = float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf))
+    smallest_share = float(np.min(assembly.z_nominal / assembly.z_usual, initial=1.0))
+    return min(SMALLEST_PIVOT, LOST_GRADIENT * least_gradient) * smallest_share
 
 
 def _row_scales(assembly: Assembly) -> Array:
@@ -721,19 +732,22 @@ def newton_loops(loops_dae: Integrand) -> ca.Function | None:
     dae = loops_dae.dae
     if not dae["z"].numel():
         return None
-    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
+    return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON,
+                        loops_dae.smallest_pivot)
 
 
-def solved_loops(z: ca.SX, arguments: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
-    """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
+def solved_loops(z: ca.SX, arguments: ca.SX, residuals: ca.SX, most: int, pivot: float = SMALLEST_PIVOT) -> ca.Function:
+    """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method; smaller pivots of
+    its matrix are zero.
 
     CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, because an acceleration of 1e-12
     times a very large mass is a considerable force.
     """
     newton = ca.rootfinder("newton", "newton", {"x": z, "p": arguments, "g": residuals},
-                           {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})
+                           {"error_on_fail": False, "abstol": 1e-14, "max_iter": most,
+                            "linear_solver_options": {"eps": pivot}})
     linear = ca.Function("linear", [z, arguments], [residuals, ca.jacobian(residuals, z)])
     first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", arguments.numel())
     near = newton(first, fixed)
     residual, slopes = linear(near, fixed)
-    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, residual)])
+    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, residual, "qr", {"eps": pivot})])

@@ -153,6 +153,20 @@ class Stretch:
         return np.asarray(np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows]))
 
 
+def absolute_sizes(assembly: Assembly) -> Array:
+    """The sizes (n,) of the delayed variables whose share `atol` is an admissible error: changes of their sources with the
+    nominal sizes of the unknowns, with the unknowns at zero and at their sizes. A source without unknowns, such as a sampled
+    function of time, has no error of the integrator, and every jump of it counts."""
+    delays, (x, z), u = assembly.flat.delays, assembly.arguments[1:3], assembly.arguments[4]
+    slopes = ca.Function("slopes", list(assembly.arguments), [ca.jacobian(
+        assembly.express(stack(d.source for d in delays)), stack([x, z]))])
+    sizes = np.concatenate([assembly.x_nominal, assembly.z_nominal])
+    changes = [np.abs(slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p,
+                             np.zeros(u.shape), 1.0).full()) @ sizes for share in (0.0, 1.0)]
+    largest, nominal = np.max(changes, axis=0), np.array([d.nominal for d in delays])
+    return np.where(np.isfinite(largest), np.minimum(largest, nominal), nominal)
+
+
 @dataclass(frozen=True)
 class Return:
     """A discontinuity that returns in a delayed variable (index): its sensitivity (m,), and the column of u just after
@@ -172,7 +186,7 @@ class Delays:
         self.delays = self.flat.delays
         self.n, self.offset = len(self.delays), measured_rows(self.flat)
         self.coefficients = delay_coefficients(self.flat)
-        self.atol = atol * np.array([d.nominal for d in self.delays])
+        self.atol = atol * absolute_sizes(assembly)
         p, dp = self.flat.p, ca.SX.sym("dp", self.flat.p.numel())
         lengths = stack(d.delay for d in self.delays)
         self._lengths = ca.Function("delays", [p, dp], [lengths, ca.jtimes(lengths, p, dp)])

@@ -92,7 +92,7 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
     assembly, n_z = result.assembly, len(result.assembly.z_nominal)
     chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
     arguments = [a[:, chosen] for a in columns(result)]
-    matrices = np.array(slopes(*arguments)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    matrices = np.array(slopes(*arguments)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_usual
     largest = np.abs(matrices).max(axis=2, keepdims=True)
     sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
     for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):

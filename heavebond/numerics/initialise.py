@@ -398,7 +398,8 @@ class StartSearch:
             raise start_messages.failure(self.equations, self._point(whole, 1.0), result.residual, self.equations.algebraic,
                                         self.assembly.z_nominal)
         if finite(jacobian):
-            undecided = null_space(scaled(jacobian, weights(raw, jacobian)), INITIALISATION.singular)
+            usual = scaled(jacobian, None, self.assembly.z_usual / self.assembly.z_nominal)
+            undecided = null_space(scaled(usual, weights(raw, usual)), INITIALISATION.singular)
             if undecided.size:
                 raise start_messages.singular_loop(self.assembly, self._point(whole, 1.0), undecided[:, -1])
         return whole

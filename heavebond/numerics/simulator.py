@@ -52,7 +52,7 @@ from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, la
 from heavebond.numerics.physical_limits import WATCHED, check_limits, is_outside, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
-from heavebond.numerics.sizes import EPS, SIZES, FittingSizes, far_below, fitting_sizes, little_moved
+from heavebond.numerics.sizes import EPS, SIZES, FittingSizes, drifting, far_below, fitting_sizes, little_moved
 from heavebond.numerics.solvers import (
     AUTO,
     DEFAULT,
@@ -570,7 +570,17 @@ class Simulator:
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
         exact = first.steps == 0
         small = far_below(reached, nominal, declared, exact)
+
+        def along() -> tuple[Array, ...]:
+            chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
+            return tuple(of[:, chosen] for of in self._columns(first, stops, trace.x, trace.z, trace))
+
+        steps = trace.statistics.get("nsteps", len(stops))
+        assert isinstance(steps, int)
         nearly_constant = little_moved(lowest, highest, exact)
+        if not trace.stays:
+            allowed = self.solver.controlled(self.tolerances).rtol * steps
+            nearly_constant += drifting(assembly, lowest, highest, allowed, along)
         about = dict(zip(assembly.state_names, first.x.tolist(), strict=True))
         origins = {name: about[name] for name in nearly_constant if about.get(name) and name not in assembly.sizes}
         wanted = {**{name: reached[name] for name in small}, **{name: highest[name] - lowest[name] for name in origins}}
@@ -589,12 +599,8 @@ class Simulator:
             except SimulationError:  # with the sizes that fit it before its failure
                 dense_sizes = dense.run().assembly.sizes
                 return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
-        chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
-        columns = tuple(of[:, chosen] for of in self._columns(first, stops, trace.x, trace.z, trace))
-        steps = trace.statistics.get("nsteps", len(stops))
-        assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
-        return fitting_sizes(assembly, wanted, origins, hidden, columns, steps, self.tolerances.atol)
+        return fitting_sizes(assembly, wanted, origins, hidden, along(), steps, self.tolerances.atol)
 
     def _steep_sizes(self, assembly: Assembly, first: Start) -> dict[str, Size]:
         """Sizes of algebraic unknowns whose absolute tolerance would be a large error of a rate at the start: forces on

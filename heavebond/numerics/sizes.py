@@ -6,7 +6,8 @@ are therefore compared with the nominal sizes. If an unknown stays far below, th
 reached.
 
 The relative tolerance applies to the value of a state. If a state moves little about a large value (a body 0.1 mK above
-20 degC, a pressure of 200 bar with a ripple of 1 Pa), its errors are of the size of the motion as well. The run is then
+20 degC, a pressure of 200 bar with a ripple of 1 Pa), its errors are of the size of the motion as well. Errors of many
+steps add up in a state that does not return by itself (the temperature of a body after many pulses of heat). The run is then
 repeated with the difference of the state from its start as the unknown, and with the range of the motion as its size.
 
 An unknown that is zero except for rounding, such as the middle of a symmetric machine, has no size. Rounding of the
@@ -17,7 +18,7 @@ a large value can resolve; the verdict names the states that it hides in part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -43,6 +44,11 @@ class SizeConstants:
     motion: range of a state along a run, over its largest value, below which the run is repeated with the difference of the
         state from its start. Origin: the relative tolerance of 1e-8 is then 1e-5 of the motion a step. Doubled: runs with
         errors of half that are repeated too.
+    drift: sum of the tolerances of all steps that remains in a state, over its range, above which the run is repeated so.
+        Origin: errors of successive steps have one sign in part: trains of pulses on a body of 1 to 300 K were off by 0.05
+        to 0.17 of that sum. Doubled: runs with errors of 1e-4 of the motion are accepted.
+    moved: range of a state over its largest value from which on it is not repeated so. Origin: the difference from the
+        start is then nearly as large as the value. Doubled: runs that gain little are repeated.
     still: range of a state beside a large value, in its rounding, below which it stands still. Origin: the estimate of
         rounding is an upper bound. Doubled: smaller motions that rounding hides are not named.
     resolved: rounding of a state over its range from which on the verdict names it. Origin: the accuracy that a run has at
@@ -72,6 +78,8 @@ class SizeConstants:
     algebraic: float = 1e-2
     rounding: float = 30.0
     motion: float = 1e-3
+    drift: float = 5e-4
+    moved: float = 0.3
     still: float = 3.0
     resolved: float = 1e-5
     noise: float = 1e-12
@@ -109,6 +117,23 @@ def little_moved(lowest: Mapping[str, float], highest: Mapping[str, float], exac
     return names
 
 
+def drifting(assembly: Assembly, lowest: Mapping[str, float], highest: Mapping[str, float], allowed: float,
+             along: Callable[[], Sequence[Array]]) -> list[str]:
+    """The states in which the tolerances of the steps add up to a considerable share of their ranges. `allowed` is the
+    relative tolerance times the number of steps, and `along` gives the arguments (., N) along the run."""
+    largest = np.array([max(abs(lowest[name]), abs(highest[name])) for name in assembly.state_names])
+    ranges = np.array([highest[name] - lowest[name] for name in assembly.state_names])
+    suspected = (ranges < SIZES.moved * largest) & (allowed * largest > SIZES.drift * ranges) & \
+        (ranges > SIZES.motion * largest) & np.array([name not in assembly.sizes for name in assembly.state_names], bool)
+    if not suspected.any():
+        return []
+    columns = along()
+    span = float(np.ptp(columns[0]))
+    remaining = _accumulated(assembly, columns, span, np.where(suspected, allowed * largest / span, 0.0))
+    return [name for name, found, k, moved in zip(assembly.state_names, suspected, remaining, ranges, strict=False)
+            if found and k > SIZES.drift * moved]
+
+
 @dataclass(frozen=True)
 class FittingSizes:
     """The sizes of some unknowns that fit a run, and the motions that the rounding of their values hides in part: range of
@@ -126,7 +151,7 @@ def fitting_sizes(assembly: Assembly, reached: Mapping[str, float], origins: Map
     the run."""
     span = float(np.ptp(columns[0]))
     every = [*assembly.state_names, *assembly.algebraic_names]
-    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time).tolist(), strict=True))
+    whole, in_step = (dict(zip(every, _accumulated(assembly, columns, time).tolist(), strict=True))
                       for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
     largest = dict(zip(every, np.abs(np.concatenate([columns[1], columns[2]])).max(axis=1), strict=True))
@@ -147,10 +172,10 @@ def fitting_sizes(assembly: Assembly, reached: Mapping[str, float], origins: Map
     return FittingSizes(sizes, hidden)
 
 
-def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Array:
-    """The largest rounding of x and z (n_x + n_z,) after a time (s), from some points of a run: the response of the
-    linearised equations to the rounding of their right-hand sides, held constant. With many states each one has its own time
-    constant in place of the matrix exponential."""
+def _accumulated(assembly: Assembly, columns: Sequence[Array], time: float, errors: Array | None = None) -> Array:
+    """The largest error of x and z (n_x + n_z,) after a time (s), from some points of a run: the response of the linearised
+    equations to `errors` of the right-hand sides (n_x,), or else to their rounding, held constant. With many states each one
+    has its own time constant in place of the matrix exponential."""
     from scipy.linalg import expm
 
     n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
@@ -164,7 +189,7 @@ def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Arra
         rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
         f_z, back = slope[:n_x, n_x:n_x + n_z], np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])
         loops = np.abs(back) @ rounded[n_x:]
-        rates = rounded[:n_x] + np.abs(f_z) @ loops
+        rates = rounded[:n_x] + np.abs(f_z) @ loops if errors is None else errors
         if n_x > SIZES.dense:
             by_x, diagonal = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
             times = np.minimum(time, 1 / np.maximum(diagonal, 1e-300))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import listing
-from heavebond.core.presentation import columns, count, path_text, readable, readable_time
+from heavebond.core.presentation import columns, count, in_unit, path_text, readable, readable_time
+from heavebond.core.units import UnitProblem, parse_quantity
 from heavebond.equations.expanded import Medium
 from heavebond.equations.flatten import EquationRole, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
@@ -167,9 +168,16 @@ class Summary:
         return lines
 
     def _start(self, width: int) -> list[str]:
+        def computed(line: StartLine) -> str:
+            try:
+                _, unit = parse_quantity(line.asked)
+            except UnitProblem:  # a formula, or nothing was specified
+                return readable(line.used, line.unit, 6)
+            return readable(line.used, line.unit, 6) if unit is None else f"{in_unit(line.used, unit, 6)} {unit.text}"
+
         head = "Initial conditions" + (f" ({self.start_mode})" if self.start_mode else "")
         rows = [("variable", "specified", "computed", "why"),
-                *((line.name, line.asked.lstrip("= ") or "-", readable(line.used, line.unit, 6), line.why)
+                *((line.name, line.asked.lstrip("= ") or "-", computed(line), line.why)
                   for line in self.start)]
         lines = [head, *columns(rows, width)]
         if self.solved:
@@ -218,7 +226,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         loops=tuple(loops),
         start_mode=model.initial.mode or "",
         start=tuple(StartLine(line.name, line.asked, 0.0, line.unit, line.why)
-                    if abs(line.used) < 1e-10 * sizes.get(line.name, 0.0) else line for line in table
+                    if not line.asked and abs(line.used) < 1e-10 * sizes.get(line.name, 0.0) else line for line in table
                     if line.name not in solved_for),
         solved=tuple(line for line in table if line.name in solved_for),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
