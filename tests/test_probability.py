@@ -290,14 +290,19 @@ def test_a_law_that_explains_nothing_noticeable_is_no_explanation(monkeypatch: p
 
 
 def test_candidates_that_act_as_a_refitted_one_or_cannot_be_simulated_are_not_left_to_try() -> None:
-    """Ten candidates: one refitted, its twin, one that was left out, two that cannot be simulated, four that were not
-    refitted, and one without a score, which gets the mean gain of 1.5."""
-    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(label=label), gain=gain) for label, gain in
-                         [("a", 3.0), ("twin", 3.0), ("out", 1.0), *((f"open {k}", 0.875) for k in range(4))]]
-    made = replace(stage(("a", "x", 9.0)), scores=tuple(scored), partial=True, planned=10, broken=("b", "c"),
+    """Eleven candidates: one refitted, its twin, another law there, one that was left out, two that cannot be simulated,
+    four that were not refitted, and one without a score, which gets the mean gain. A law that explains nine tenths is hardly
+    wrong."""
+    gains = [("a", 3.0), ("a2", 3.0), ("twin", 3.0), ("out", 1.0), *((f"open {k}.", 0.875) for k in range(4))]
+    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(label=label, kind=label.rstrip("2"), where=("x",)),
+                                         gain=gain) for label, gain in gains]
+    made = replace(stage(("a", "x", 9.0)), scores=tuple(scored), partial=True, planned=11, broken=("b", "c"),
                    twins={"a at x": ("twin",)}, excluded={"out": "never acts", "a": ""})
-    mean = 10.5 / 7
-    assert probability._untried(made) == pytest.approx((3.5 + mean) / (10.5 + mean))
+    mean = 13.5 / 8
+    u = (3.5 + mean) / (13.5 + mean)
+    assert probability._untried(made) == pytest.approx(u)
+    explains = replace(made, errors=refit("", "", 81.0).errors)  # 8 of 80 above the noise are left
+    assert probability._untried(explains) == pytest.approx(0.1 * u / (0.1 * u + 1 - u))
 
 
 def test_places_that_the_records_cannot_distinguish_add_their_prior_probabilities() -> None:

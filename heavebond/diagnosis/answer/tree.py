@@ -43,6 +43,7 @@ from heavebond.diagnosis.evidence.probability import (
     probabilities,
 )
 from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.schedule import family
 from heavebond.diagnosis.search.step import Stage, is_noticeable
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.language.definition import Domain
@@ -266,10 +267,17 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
         fitted = [trials[c.label] for c in laws if c.label in trials]
         shares = dict(zip((t.candidate.label for t in fitted), law_weights(fitted)[temperature], strict=True)) \
             if fitted else {laws[0].label: 1.0}
+        # after an early end, laws of the class there without a refit have the share of their scores, the law being unknown
+        gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores if step.partial and fitted
+                 and family(s.candidate) in {family(law) for law in laws}}
+        open_ = sum(gain for label, gain in gains.items() if label not in event.labels and label not in step.excluded) \
+            / max(sum(gains.values()), 1e-300)
         for law in laws:
             if shares.get(law.label, 0.0) > 0:
                 keys, names = levels(step, law, event.kind, library)
-                leaves.append(Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+                probability = event.probability * float(shares[law.label])
+                leaves.append(Leaf(keys, names, probability * (1 - open_), (law.label,)))
+                leaves += [Leaf(keys[:4], names[:4], probability * open_)] if open_ else []
     return leaves
 
 

@@ -46,12 +46,12 @@ from numpy.typing import NDArray
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import HOPELESS, leaves_noise, loss
+from heavebond.diagnosis.evidence.comparison import ALL, HOPELESS, leaves_noise, loss
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy
-from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled
+from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled, share_taken
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
-from heavebond.diagnosis.search.schedule import largest_gains
+from heavebond.diagnosis.search.schedule import family, largest_gains
 from heavebond.diagnosis.search.step import Stage, is_noticeable, refines, twins_of
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
@@ -223,16 +223,27 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
 
 
 def _untried(stage: Stage) -> float:
-    """Share of the gains of all scores of a step whose candidates were neither refitted nor excluded, because the search was
-    ended early. A candidate that is equivalent to a refitted one counts as refitted, and one that has no score yet as one
-    with the mean gain. The diagrams that cannot be simulated are left out."""
+    """Probability that an effect is missing that was not refitted, because the search was ended early.
+
+    u is the share of the gains of all scores whose candidates are of a class, at a place, without a refit, and were not
+    excluded. A candidate that is equivalent to a refitted one counts as refitted, and one that has no score yet as one with
+    the mean gain. The diagrams that cannot be simulated are left out. If one of these effects is missing, the best refit is
+    a wrong law. It then explains at least the share e of the misfit with the probability 1 - e, if all shares are equally
+    probable: the result is u (1 - e) / (u (1 - e) + 1 - u).
+    """
     gains = largest_gains(stage.scores, lambda candidate: candidate.label)
     reached = {*(t.candidate.label for t in stage.trials), *stage.failed, *stage.excluded}
     reached |= {twin for label in reached for twin in stage.twins.get(label, ())}
+    families = {family(s.candidate) for s in stage.scores if s.candidate.label in reached}
+    reached |= {s.candidate.label for s in stage.scores if family(s.candidate) in families}
     unscored = max(stage.planned - len(gains) - len(stage.broken), 0)
     mean = sum(gains.values()) / len(gains) if any(gains.values()) else 1.0
     left = sum(gain for label, gain in gains.items() if label not in reached) + unscored * mean
-    return left / max(sum(gains.values()) + unscored * mean, 1e-300)
+    u = left / max(sum(gains.values()) + unscored * mean, 1e-300)
+    explained = max((share_taken(stage.errors, t.errors, *ALL) for t in stage.trials
+                     if t.errors is not None and stage.errors is not None), default=0.0)
+    wrong = u * (1 - min(max(explained, 0.0), 1.0))
+    return wrong / max(wrong + 1 - u, 1e-300)
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
