@@ -116,8 +116,10 @@ def test_only_the_grammar_is_followed(text: str) -> None:
 
 def test_no_module_evaluates_text() -> None:
     """`eval`, `exec`, `compile` and `__import__` are called nowhere, no YAML is loaded into objects, no program started."""
+    words = re.compile(r"\b(eval|exec|compile|__import__|yaml|pickle|marshal|shelve|subprocess)\b")
     for path in Path(heavebond.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if words.search(text) else ():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 assert node.func.id not in ("eval", "exec", "compile", "__import__"), path
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "yaml":
