@@ -4,12 +4,14 @@ prints all tables, `python -m benchmarks.spatial closed drift` those that are na
 trees: accelerations of twenty random trees. closed: accelerations of six mechanisms with closed loops. drift: energy of a
 double pendulum in space over 1000 s. growth: assembly and right-hand side of trees of N bodies; the exponent between two
 numbers of bodies is log(time ratio)/log(number ratio). arm: the right-hand side of six hinges, compiled by the C compiler
-with -O2 and called 2000 times in a loop in C; Pinocchio is called from Python, and an empty call is subtracted. machines:
+with -O2 and called 2000 times in a loop in C, and Pinocchio's aba in a loop in C++ (some minutes to compile). machines:
 assembly of the crane, and a run of the platform.
 """
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,6 +25,7 @@ import numpy as np
 import heavebond as hb
 from benchmarks.random_trees import (
     Pinocchio,
+    TreeBody,
     aligned_tree,
     closed_diagram,
     closed_mechanism,
@@ -152,22 +155,51 @@ def growth() -> None:
 
 
 def arm() -> None:
-    """The right-hand side of six hinges beside the articulated-body algorithm of Pinocchio for the same tree."""
+    """The right-hand side of six hinges beside the articulated-body algorithm of Pinocchio for the same tree, in C++."""
     bodies = aligned_tree(6, 1)
     assembly = hb.assemble(hb.loads(diagram(bodies)))
-    x = np.asarray(start(assembly).x, float) + 0.1
+    first = start(assembly)
+    x = np.asarray(first.x, float) + 0.1
+    rates = right_hand_side(assembly)
     with tempfile.TemporaryDirectory() as folder:
-        ours = seconds(compiled(right_hand_side(assembly), Path(folder)), x, CALLS)
-    tree: Any = Pinocchio(bodies)
-    q, v = np.full(6, 0.1), np.full(6, 0.1)
-    times = []
-    works: tuple[Any, Any] = (lambda: tree.pin.aba(tree.model, tree.data, q, v, v), lambda: tree.pin.neutral)
-    for work in works:
-        begin = time.process_time()
-        for _ in range(20000):
-            work()
-        times.append((time.process_time() - begin)/20000)
-    print(f"six hinges: {ours*1e6:.2f} us, Pinocchio from Python {(times[0] - times[1])*1e6:.2f} us")
+        ours = seconds(compiled(rates, Path(folder)), x, CALLS)
+    print(f"six hinges: {ours*1e6:.2f} us", flush=True)
+    other = articulated_body(bodies, 10*CALLS)
+    if isinstance(other, str):
+        print(f"Pinocchio in C++ is not timed: {other}")
+        return
+    took, accelerations = other
+    error = np.abs(np.asarray(rates(x)).ravel()[6:] - accelerations).max()  # after the rates of six angles
+    print(f"Pinocchio's ABA in C++: {took*1e6:.2f} us, ratio {ours/took:.2f}; accelerations differ by {error:.0e} rad/s2")
+
+
+def articulated_body(bodies: list[TreeBody], calls: int) -> tuple[float, np.ndarray] | str:
+    """The processor time (s) of one call of Pinocchio's aba in a loop in C++ (spatial_aba.cpp), and the accelerations at
+    coordinates and speeds of 0.1; or what is missing."""
+    import pinocchio
+
+    prefix = next(parent for parent in Path(pinocchio.__file__).parents if parent.name == "cmeel.prefix")
+    eigen = next((folder for folder in (prefix/"include"/"eigen3", Path("/usr/include/eigen3"),
+                                        Path(os.environ.get("EIGEN", ""))) if (folder/"Eigen"/"Core").exists()), None)
+    if eigen is None or shutil.which("g++") is None:
+        return "it needs g++ and the headers of Eigen; type `pip install cmeel-eigen`, or set EIGEN to their folder"
+    numbers = [f"{len(bodies)}"]
+    for b in bodies:
+        numbers += [f"{b.parent}", *(repr(float(value)) for value in (*b.axis, *b.shift, b.m, *b.centre, *b.J.ravel()))]
+    numbers += [f"{calls} 0.1 0.1"]
+    definitions = ("PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", "BOOST_MPL_LIMIT_LIST_SIZE=30",
+                   "BOOST_MPL_LIMIT_VECTOR_SIZE=30", "BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
+                   "BOOST_FUSION_INVOKE_MAX_ARITY=12", "NDEBUG")
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder)/"aba"
+        # the algorithm is in the library of the wheel; the flags of this file do not act on it
+        subprocess.run(["g++", "-O1", "-std=c++17", "-w", *(f"-D{d}" for d in definitions),
+                        f"-I{prefix/'include'}", f"-I{eigen}", str(Path(__file__).with_name("spatial_aba.cpp")),
+                        "-o", str(program), f"-L{prefix/'lib'}", "-lpinocchio_default", f"-Wl,-rpath,{prefix/'lib'}"],
+                       check=True)
+        answer = subprocess.run([str(program)], input=" ".join(numbers), text=True, capture_output=True, check=True).stdout
+    took, *accelerations = map(float, answer.split())
+    return took, np.array(accelerations)
 
 
 def compiled(function: ca.Function, folder: Path) -> ca.Function:

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from heavebond.optimise.optimal import Optimal, OptimalProblem, optimal, optimal_task
     from heavebond.optimise.predictive_control import PredictedPlan, PredictiveControl
     from heavebond.optimise.tuning import Tuned, tune
-    from heavebond.pictures.motion import Motion, animate
+    from heavebond.pictures.motion import Motion, animate, animate_mode
     from heavebond.pictures.picture import Picture, draw
     from heavebond.records.saved_runs import SavedRun, read_run
     from heavebond.records.signal_array import Signal
@@ -116,7 +116,7 @@ _EXPORTS = {
     "numerics.simulation": ("simulate",),
     "numerics.simulator": ("Simulator",),
     "pictures.picture": ("draw", "Picture"),
-    "pictures.motion": ("animate", "Motion"),
+    "pictures.motion": ("animate", "animate_mode", "Motion"),
     "linear.linearisation": ("ModesAtStart",),
     "linear.modes": ("modes", "Modes"),
     "optimise.influence": ("sensitivity", "Rankings"),
@@ -144,9 +144,9 @@ __all__ = [
     "Rankings", "Result",
     "RunWarning", "SavedRun", "Signal", "SignalAnalysis", "SimulationError", "Simulator", "StartError",
     "StateEstimate", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError",
-    "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lead", "design_lqg",
-    "design_lqr", "design_mpc", "design_notch", "design_schedule", "diagnose", "draw", "energy", "errors", "export",
-    "filter_coefficients", "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study",
+    "animate", "animate_mode", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lead",
+    "design_lqg", "design_lqr", "design_mpc", "design_notch", "design_schedule", "diagnose", "draw", "energy", "errors",
+    "export", "filter_coefficients", "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study",
     "loads", "localize", "loop_crossings", "loop_margins", "lqg", "modes", "monitor", "moving_horizon", "native_code",
     "new", "optimal", "optimal_task", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate",
     "state_space", "study", "sweep", "tune", "tuning_task",

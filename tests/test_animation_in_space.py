@@ -276,6 +276,77 @@ def test_the_command_writes_a_picture(tmp_path: Path) -> None:
 
 
 # -- pages -----------------------------------------------------------------------------------------------------------------
+def test_runs_are_overlaid(motion: Motion, tmp_path: Path) -> None:
+    """On the page with their own times, and in a picture with their labels; the ground and the sea are drawn once."""
+    fast = animate(hb.loads(TURNTABLE), "0.5 s", parameters={"arm.l_x": 4.0})
+    both = motion.with_runs({"long arm": fast})
+    run, = packed(both)["runs"]
+    assert run["label"] == "long arm" and run["times"][1] == 0.5 and len(run["solids"]) == len(motion.solids)
+    pictures = []
+    for k, shown in enumerate((motion, both)):
+        shown.save(tmp_path / f"{k}.png", at="0.3 s")
+        with Image.open(tmp_path / f"{k}.png") as image:
+            pictures.append(np.asarray(image.convert("RGB")).astype(int))
+    half = min(picture.shape[0] for picture in pictures)//2, min(picture.shape[1] for picture in pictures)//2
+    assert (np.abs(pictures[0][:half[0], :half[1]] - pictures[1][:half[0], :half[1]]).max(axis=2) > 20).sum() > 200
+    with pytest.raises(hb.UsageError, match="not a machine in space"):
+        hb.animate("mechanisms/crane", "0.1 s").with_runs({"other": motion})
+
+
+BARGE = """
+model: barge
+components:
+  barge: {is: SpatialBody, m: 328 t, J_x: 2.5e6 kg*m**2, J_y: 1.2e7 kg*m**2, J_z: 1.3e7 kg*m**2}
+  hull:  {is: FloatingHull, V: 320 m**3, A_w: 160 m**2, I_x: 853.3333 m**4, I_y: 5333.3333 m**4, z_B: -1 m}
+nodes: {deck: [barge.a, hull.a]}
+view: {hull: {is: box, at: deck, size: [20 m, 8 m, 2 m]}, mast: {is: beam, from: deck, to: [deck, 0, 0, 10 m]}}
+simulate: {until: 1 s}
+"""
+
+
+def test_a_mode_has_its_shape() -> None:
+    """Heave moves the hull upwards and turns nothing, roll turns it about x; both have the frequencies of closed forms."""
+    barge = hb.loads(BARGE)
+    heave, roll = np.sqrt(1025*9.81*160/328e3), np.sqrt(1025*9.81*320*(853.3333/320 - 1)/2.5e6)
+    frequencies = list(hb.modes(barge).frequencies)
+    for wanted, direction in ((heave, "heave"), (roll, "roll")):
+        number = int(np.argmin(np.abs(np.array(frequencies) - wanted/(2*np.pi)))) + 1
+        motion = hb.animate_mode(barge, number)
+        at, turn = _solid(motion, "hull").courses["at"], _solid(motion, "hull").courses["turn"]
+        wave = np.cos(wanted*motion.time)
+        if direction == "heave":
+            assert np.abs(at[:2]).max() < 1e-9 and np.abs(turn[1:]).max() < 1e-9
+            size = np.abs(at[2]).max()
+            np.testing.assert_allclose(np.abs(at[2] @ wave), size*np.sum(wave**2), rtol=0.01)
+            assert size == pytest.approx(0.1*20)  # a tenth of the length of the hull
+        else:
+            assert np.abs(at).max() < 1e-9 and np.abs(turn[2:]).max() < 1e-9 and np.abs(turn[1]).max() > 0.05
+    with pytest.raises(hb.UsageError, match="mode 99 cannot be animated"):
+        hb.animate_mode(barge, 99)
+
+
+def test_the_command_animates_a_mode(tmp_path: Path) -> None:
+    (tmp_path / "barge.yaml").write_text(BARGE, encoding="utf-8")
+    command = ["animate", str(tmp_path / "barge.yaml"), "--mode"]
+    result = CliRunner().invoke(main, [*command, "12", "-o", str(tmp_path / "mode.html")])
+    assert result.exit_code == 2 and "the diagram has" in result.output
+    assert CliRunner().invoke(main, [*command, "7", "-o", str(tmp_path / "mode.html")]).exit_code == 0
+    assert "Hz, damping ratio" in (tmp_path / "mode.html").read_text(encoding="utf-8")
+    both = CliRunner().invoke(main, [*command, "7", "--until", "1 s"])
+    assert both.exit_code == 2 and "--until acts on a run" in both.output
+
+
+def test_the_command_overlays_runs(tmp_path: Path) -> None:
+    (tmp_path / "turntable.yaml").write_text(TURNTABLE, encoding="utf-8")
+    result = CliRunner().invoke(main, ["animate", str(tmp_path / "turntable.yaml"), "--until", "0.1 s", "-o",
+                                       str(tmp_path / "t.html"), "--also", "arm.l_x=3 m; load.m=7 kg"])
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "t.html").read_text(encoding="utf-8")
+    assert "arm.l_x=3 m; load.m=7 kg" in text
+    wrong = CliRunner().invoke(main, ["animate", str(tmp_path / "turntable.yaml"), "--also", "arm.l=3 m"])
+    assert wrong.exit_code and "arm.l" in wrong.output
+
+
 def test_the_page_holds_what_it_needs(motion: Motion) -> None:
     text = animation_page(motion)
     assert "http://" not in text.replace("http://www.w3.org/", "") and "https://" not in text
@@ -340,6 +411,21 @@ def test_the_machine_moves_in_a_browser(tab: browser.Tab, motion: Motion) -> Non
     assert np.abs(_picture(tab) - first).max() > 100
     assert [address for address in tab.requested() if not address.startswith(("file:", "about:", "blob:"))] == []
     assert tab.complaints == []
+
+
+def test_an_overlaid_run_has_its_own_time(tab: browser.Tab, motion: Motion, tmp_path: Path) -> None:
+    short = animate(hb.loads(TURNTABLE), "0.5 s")
+    path = tmp_path / "both.html"
+    path.write_text(str(animation_page(motion.with_runs({"short": short}))), encoding="utf-8")
+    tab.open(path)
+    tab.wait("Boolean(window.scene?.solids)")
+    turn = "window.scene.solids.find(found => found.solid.name === 'arm' && found.run === {}).group.quaternion.toArray()"
+    for frame, expected in ((30, True), (90, False)):
+        tab.run(f"window.scene.show({frame}); 1")
+        same = tab.run(turn.format(0)) == pytest.approx(tab.run(turn.format(1)), abs=1e-3)
+        assert same is expected  # the shorter run stays at its end
+    tab.click("[data-kind='run 1']")
+    assert not tab.run("window.scene.solids.some(found => found.run === 1 && found.group.visible)")
 
 
 def test_keys_turn_the_camera_and_it_follows_a_body(tab: browser.Tab) -> None:

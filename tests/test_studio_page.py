@@ -111,6 +111,43 @@ simulate: {until: 4 s, every: 0.1 s}
     assert "arrow keys" in tab.run("document.querySelector('#machine canvas').getAttribute('aria-label')")
 
 
+MAST = """model: mast
+components:
+  foot: {is: SpatialFixed}
+  pin:  {is: SpatialRevoluteJoint, n: [0, 1, 0]}
+  rod:  {is: SpatialLink, l_z: 2 m}
+  bob:  {is: SpatialPointMass, m: 2 kg}
+  drag: {is: RotationalDamper, d: 1 N*m*s/rad}
+  rest: {is: FixedShaft}
+nodes: {foot: [foot.a, pin.a], rod: [pin.b, rod.a], bob: [rod.b, bob.a], shaft: [pin.d, drag.a], rest: [drag.b, rest.a]}
+initial: {pin.phi: 1 rad, pin.w: 0 rad/s}
+simulate: {until: 2 s, every: 20 ms}
+"""
+
+
+@pytest.mark.long
+def test_kept_runs_are_overlaid_in_space(tab: browser.Tab, server: Server) -> None:
+    """A run that is kept is drawn over the next ones, translucent, until it is hidden or forgotten."""
+    _open(tab, server, "mast.yaml", MAST)
+    done = "studio.runs.live && !studio.runs.busy"
+    tab.key("Enter", ctrl=True, code=13)
+    tab.wait(done)
+    tab.click("#play")
+    tab.wait("studio.animation.data && studio.animation.time > 0")
+    tab.click("#toggle-machine")
+    tab.wait("Boolean(studio.machine.scene)")
+    tab.click("#keep")
+    _typed(tab, "m: 2 kg", "m: 50 kg")
+    tab.key("Enter", ctrl=True, code=13)
+    tab.wait(f"{done} && studio.machine.scene.solids.some(found => found.run === 1)")
+    place = "studio.machine.scene.solids.find(found => found.solid.kind === 'beam' && found.run === {}).group.quaternion.y"
+    tab.run("studio.animation.at(1); 1")
+    assert tab.run(place.format(0)) != pytest.approx(tab.run(place.format(1)), abs=1e-3)
+    tab.click("#runs .kept input[type=checkbox]")
+    tab.wait("studio.machine.scene.solids.every(found => found.run === 0)")
+    assert tab.complaints == []
+
+
 def _swept(tab: browser.Tab, file: Path) -> None:
     """A run for each of some values, kept with its value as its name; afterwards the value is that of the text."""
     tab.click("[id='sweep-damper.d']")

@@ -214,7 +214,10 @@ def in_space(folder: Path, points: int | None = None) -> list[Path]:
     """The robot arm in motion, the platform on its cylinders, the crane after its landing (or after `points` s), and the
     crane on a barge with its load lifted."""
     seconds, lifted = (66, 18) if points is None else (points, 0.1)
+    gyroscope = hb.load("spatial/gyroscope")
+    others = {f"wheel.m={m}": animate(gyroscope, "2 s", parameters={"wheel.m": m}) for m in ("3 kg", "1 kg")}
     return [save_animation(animate(hb.load("spatial/robot_arm"), "2.4 s"), folder / "robot_arm.gif"),
+            save_animation(animate(gyroscope, "2 s").with_runs(others), folder / "gyroscope_masses.png", at="2 s"),
             save_animation(animate(hb.load("spatial/platform"), "1 s"), folder / "platform.png", at="1 s"),
             save_animation(animate(hb.load("spatial/landing_crane"), f"{seconds} s"), folder / "landing_crane.png",
                            at=f"{seconds} s"),

@@ -73,6 +73,8 @@ def packed(motion: Motion) -> dict[str, object]:
              "courses": [_on_track(c, tracks, fine) for c in np.nan_to_num(moving.courses)],
              "outlines": [{"corners": o.corners, "fill": o.fill, "edge": o.edge} for o in moving.outlines]}
             for moving in motion.shapes]}
+    if motion.runs:
+        found["runs"] = [{"label": label, **packed(run)} for label, run in motion.runs.items()]
     found["tracks"] = [_rounded(track, step) for track, step in tracks]
     found["signals"] = [{"name": name, "unit": unit_label(unit),
                          "values": _rounded(values, FINENESS * float(np.ptp(values) or 1.0))}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from heavebond.language.view import WIDE
 from heavebond.numerics.dae import Array
 from heavebond.pictures.motion import Motion, Moving, Outline
 from heavebond.pictures.projection import Camera, cell_size, middle, polygons
+from heavebond.pictures.space import AREAS
 
 RATE, MOST = 12, 600  # pictures per second, and in all: a GIF holds each of them completely
 HEIGHT, BREADTH, DPI = 6.0, 9.0, 90  # inches at most
@@ -32,6 +34,7 @@ COLOURS = {
     "gas": ("#8a3570", "#cf8fbc", "#f3dfec"), "oil": ("#005a9c", "#8fb9db", "#d6e6f2"),
     "rock": ("#6b5a3d", "#b5a280", "#e6dcc8"), "red": ("#c2410c", "#f0a37f", "#ffe3d1"),
     "green": ("#00714f", "#7cc4a9", "#dcf1e9"), "orange": ("#a35a00", "#f0b866", "#fbe8cc")}
+RUNS, OPACITY = ("blue", "red", "green", "gas", "orange", "dark"), 0.45  # of the runs that are overlaid, as in scene.js
 
 
 def save_film(motion: Motion, path: Path, speed: float) -> None:
@@ -96,7 +99,8 @@ def _in_plane(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
 
 def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
     """A figure and the function that draws the machine in space at frame k in it."""
-    low, high = np.array(motion.edges[:3]), np.array(motion.edges[3:])
+    edges = np.array([motion.edges, *(run.edges for run in motion.runs.values())])
+    low, high = edges[:, :3].min(axis=0), edges[:, 3:].max(axis=0)
     camera = Camera((low + high) / 2, float(np.linalg.norm(high - low)) / 2 or 1.0, *motion.camera)
     # the picture ends at the corners of the box around the machine
     seen = camera.seen(np.array(list(product(*zip(low, high, strict=True)))))[:, :2]
@@ -119,11 +123,20 @@ def _in_space(motion: Motion) -> tuple[Figure, Callable[[int], None]]:
     labels = [(solid, axes.text(0, 0, solid.label, va="bottom", ha="center", fontsize=9)) for solid in motion.solids
               if solid.label]
 
+    for k, name in enumerate(motion.runs):
+        axes.text(0.985, 0.98 - 0.04 * k, name, va="top", ha="right", fontsize=9, color=COLOURS[RUNS[k % len(RUNS)]][0],
+                  transform=axes.transAxes)
+    overlaid = [(run, tuple(replace(solid, colour=RUNS[k % len(RUNS)]) for solid in run.solids if solid.kind not in AREAS))
+                for k, run in enumerate(motion.runs.values())]
     lasting = float(motion.time[-1] - motion.time[0])
     digits = 1 if lasting > 20 else 2 if lasting > 0.2 else 4
 
     def draw(k: int) -> None:
         found = polygons(motion.solids, k, motion.time, camera, COLOURS)
+        for run, solids in overlaid:
+            at = int(np.argmin(np.abs(run.time - motion.time[k])))
+            found += [replace(p, face=p.face and (*p.face[:3], OPACITY), edge=p.edge and (*p.edge[:3], OPACITY))
+                      for p in polygons(solids, at, run.time, camera, COLOURS)]
         painted.set_verts([p.corners if p.face is None else np.vstack([p.corners, p.corners[:1]]) for p in found],
                           closed=False)
         painted.set(facecolors=[p.face or (0, 0, 0, 0) for p in found], edgecolors=[p.edge or (0, 0, 0, 0) for p in found],

@@ -9,30 +9,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core import facade
 from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
 from heavebond.core.presentation import brief, converted, count, number, readable_unit
+from heavebond.core.presentation import number as number_text
 from heavebond.core.units import ONE, Dimension, declared_unit, times
 from heavebond.language.definition import ViewShape
-from heavebond.language.model import ModelOrFile, loaded
+from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
 from heavebond.language.view import EXAMPLES, WIDE
+from heavebond.linear.linearisation import Linearisation, Mode
+from heavebond.linear.operating_point import OperatingPoints
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
 from heavebond.numerics.simulator import Simulator
+from heavebond.numerics.start_equations import Point
 from heavebond.pictures.space import CAMERA, Solid, default_view, frame_names, is_in_space, resolved, scene
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names, parse_formula
 
 RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures per second, and in a whole run
+CYCLES, MODE_FRAMES, TURN = 4, 400, 0.4  # periods and pictures of a mode shape, and its largest angle in rad
 EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # relative to the height: margin around the picture, depth of the ground, least width
 THIN = 0.08  # default width of a spring relative to its length
 TURNS, ROUND = 7, 36  # number of coils of a spring, corners of a circle
@@ -73,7 +79,8 @@ class Motion(facade.Displayed):
     right, top), and signals by name: unit and time series (n,). A notebook plays it.
 
     A machine in space has `solids` in place of shapes; its edges are the lowest x, y, z and the highest x, y, z, and
-    `camera` is the azimuth and the elevation of the camera in rad.
+    `camera` is the azimuth and the elevation of the camera in rad. `runs` are other runs by their labels, which are drawn
+    over it, translucent and each in one colour.
     """
 
     title: str
@@ -84,6 +91,16 @@ class Motion(facade.Displayed):
     signals: dict[str, tuple[str, Array]] = field(default_factory=dict)
     solids: tuple[Solid, ...] = ()
     camera: tuple[float, float] = CAMERA
+    runs: Mapping[str, Motion] = field(default_factory=dict)
+
+    def with_runs(self, runs: Mapping[str, Motion]) -> Motion:
+        """The motion with other runs of this or of a similar machine by their labels, drawn over it at the same times; a run
+        that is over stays at its end. Raises UsageError for machines that are not in space."""
+        flat = [motion.title for motion in (self, *runs.values()) if not motion.solids]
+        if flat:
+            raise UsageError([Problem("overlay-plane", f"'{flat[0]}' is not a machine in space", None,
+                                      "Compare the runs of a machine in a plane by `heavebond plot`.")])
+        return replace(self, runs={**self.runs, **runs})
 
     def save(self, path: str | Path, *, speed: float = 1.0, at: Time | None = None) -> Path:
         """Write a page (.html), which plays without a network, a film (.gif, .mp4), or a picture (.png) of the instant `at`,
@@ -166,9 +183,83 @@ def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None
     shown_series = {text: np.interp(time, result.time, course) for text, course in courses.items()}
     signals_below = _signals(result, time, chosen or list(model.show)[:SHOWN])
     if not spatial:
-        return _motion(result, time, shown_series, signals_below)
+        return _motion(model, time, shown_series, signals_below)
     found = scene(view, shown_series, len(time), assembly, ground=not model.view)
     return Motion(model.name, model.summary, time, (), found.edges, signals_below, found.solids, found.camera)
+
+
+def animate_mode(model: ModelOrFile, number: int, *, at: Time | None = None, size: float = 0.1,
+                 parameters: Mapping[str, float | str] | None = None) -> Motion:
+    """Compute the positions of the shapes of a diagram in one of its modes: an animated mode shape.
+
+    `number` is the place of the mode in `modes(model, at=at)`, from 1. The shapes move linearly about the operating point,
+    without damping, over CYCLES periods; a mode that does not oscillate is shown over five time constants. `size` is the
+    largest displacement relative to the extent of the picture; no frame turns by more than about TURN. Raises the errors of
+    `modes` and `animate`, and UsageError for a number of no mode, or a mode of eigenvalue 0.
+    """
+    diagram = loaded(model)
+    operating = OperatingPoints(diagram.with_parameters(parameters) if parameters else diagram, at)
+    assembly, point = operating.assembly, operating.at()
+    modes = Linearisation(assembly).at(point).modes()
+    chosen = modes[number - 1] if 1 <= number <= len(modes) else None
+    if chosen is None or not chosen.value or chosen.z is not None:
+        reason = f"the diagram has {count(len(modes), 'mode')}" if chosen is None else \
+            "a free mode has no shape in time" if chosen.z is None else "a sampled system has no mode shapes"
+        raise UsageError([Problem("mode-number", f"mode {number} cannot be animated: {reason}", None,
+                                  f"`heavebond modes {diagram.name}` lists the modes; count from 1.")])
+    view = diagram.view or default_view(assembly)
+    if not view:
+        raise ModelError([Problem("view-missing", f"{diagram.path.name} has no `view:` with shapes to animate", None,
+                                  "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
+    spatial = is_in_space(view, assembly)
+    if spatial:
+        view = resolved(view, assembly)
+    check_view(assembly, view, {})
+    frames = frame_names(view, assembly) if spatial else []
+    trees = {f.text: f.tree for shape in view.values() for f in shape.all_formulas} | {
+        name: parse_formula(name) for name in frames}
+    values, changes = _modal_changes(assembly, point, list(trees.values()), chosen)
+    # displacements of points, and changes of quaternions
+    places = {f.text for shape in view.values() for key, p in shape.points.items() if not p.frame for f in p.coordinates} | {
+        f.text for shape in view.values() for key in ("at", "from", "to") for f in shape.formulas.get(key, ())} | {
+        name for name in frames if not name.rpartition(".")[2].startswith("q_")}
+    moved = np.array([text in places for text in trees])
+    turned = np.array([text in frames and text not in places for text in trees])
+    still = {text: np.full(2, value) for text, value in zip(trees, values, strict=True)}
+    at_rest = scene(view, still, 2, assembly, ground=False) if spatial else _motion(diagram, np.arange(2.0), still, {})
+    edges = at_rest.edges
+    extent = max(high - low for low, high in zip(edges[:len(edges) // 2], edges[len(edges) // 2:], strict=True))
+    largest = max(float(np.abs(changes[moved]).max(initial=0.0)) / (size * extent),
+                  2 * float(np.abs(changes[turned]).max(initial=0.0)) / TURN)
+    # the largest displacement is real: at its largest at the start
+    s, leading = chosen.value, changes[np.argmax(np.abs(changes) * (moved if np.any(changes[moved]) else turned))]
+    changes = changes * (np.conj(leading) / (abs(leading) or 1.0))
+    time = np.linspace(0.0, CYCLES * 2 * np.pi / s.imag if chosen.swings else 5 / abs(s.real), MODE_FRAMES)
+    course = np.exp(1j * s.imag * time) if chosen.swings else np.exp(-np.abs(s.real) * time)
+    series = {text: value + np.real(change * course) for text, value, change in
+              zip(trees, values, changes / (largest or 1.0), strict=True)}
+    title = f"{diagram.name}, mode {number}"
+    frequency, damping = number_text(chosen.frequency, 4), number_text(chosen.damping, 3)
+    summary = f"{frequency} Hz, damping ratio {damping}" if chosen.swings else \
+        f"time constant {number_text(1 / abs(s.real), 4)} s"
+    if not spatial:
+        return replace(_motion(diagram, time, series, {}), title=title, summary=summary)
+    found = scene(view, series, len(time), assembly, ground=not diagram.view)
+    return Motion(title, summary, time, (), found.edges, {}, found.solids, found.camera)
+
+
+def _modal_changes(assembly: Assembly, point: Point, trees: list[Expr], mode: Mode) -> tuple[Array, NDArray[np.complex128]]:
+    """The values (m,) of formulas at a point, and their complex amplitudes (m,) in a mode."""
+    _, x, z, *_ = assembly.arguments
+    rows = stack([assembly.expression(tree) for tree in trees])
+    slopes = ca.Function("slopes", list(assembly.arguments), [
+        rows, ca.jacobian(stack([rows, assembly.alg]), stack([x, z]))])
+    values, jacobian = (np.array(part.full()) for part in slopes(*point.values()))
+    m, n_x = len(trees), len(point.x)
+    v = mode.right * assembly.x_nominal
+    if len(point.z):
+        v = np.append(v, -np.linalg.solve(jacobian[m:, n_x:], jacobian[m:, :n_x] @ v))
+    return values.ravel(), jacobian[:m] @ v
 
 
 @dataclass(frozen=True)
@@ -254,8 +345,7 @@ def _signals(result: Result, time: Array, chosen: list[str]) -> dict[str, tuple[
     return shown_series
 
 
-def _motion(result: Result, time: Array, courses: Mapping[str, Array], signals: dict[str, tuple[str, Array]]) -> Motion:
-    model = result.assembly.model
+def _motion(model: Model, time: Array, courses: Mapping[str, Array], signals: dict[str, tuple[str, Array]]) -> Motion:
     n = len(time)
     placed = {name: _placed(shape, courses, n) for name, shape in model.view.items()}
     edges = _edges([(model.view[name].kind, course) for name, course in placed.items()])

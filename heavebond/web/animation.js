@@ -67,11 +67,15 @@
   const wide = 952, high = 84, inset = 130;
   const print = value => Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : +value.toPrecision(4);
   const courses = data.signals.map(signal => {
-    const values = signal.values;
-    const low = Math.min(...values), reach = Math.max(...values) - low || 1;
+    const values = signal.values, others = (data.runs ?? []).flatMap((run, k) => run.signals.filter(other => other.name === signal.name && other.unit === signal.unit).map(other => [run, other.values, k]));
+    const all = [values, ...others.map(([, other]) => other)].flat(), low = Math.min(...all), reach = Math.max(...all) - low || 1;
     const svg = make(id("courses"), "svg", {viewBox: `0 0 ${wide} ${high}`});
     make(svg, "rect", {x: inset, y: 4, width: wide - inset, height: high - 8});
     const x = k => inset + (wide - inset) * k / (values.length - 1), y = value => high - 8 - (high - 16) * (value - low) / reach;
+    for (const [run, other, k] of others) {
+      const [first, last, count] = run.times, across = k => x((first + (last - first) * k / (count - 1) - begin) / (end - begin || 1) * (values.length - 1));
+      make(svg, "path", {d: "M" + other.map((value, i) => `${across(i).toFixed(1)} ${y(value).toFixed(1)}`).join("L")}).style.stroke = window.SpaceScene.runColour(k);
+    }
     make(svg, "path", {d: "M" + values.map((value, k) => `${x(k).toFixed(1)} ${y(value).toFixed(1)}`).join("L")});
     make(svg, "text", {x: 0, y: 16, "font-weight": "bold"}, signal.name);
     make(svg, "text", {x: inset - 6, y: 16, "text-anchor": "end", class: "quiet"}, print(low + reach));

@@ -15,6 +15,8 @@ export class Machine {
     /** @type {any} */ this.of = null;
     /** @type {any[]} */ this.shapes = [];
     /** @type {any} */ this.scene = null; // of a machine in space
+    /** @type {Map<string, any>} */ this.films = new Map(); // of the kept runs, by their keys; nothing of one that failed
+    this.overlaid = ""; // keys of the kept runs in the scene
   }
 
   /** @param {boolean} on */
@@ -54,6 +56,7 @@ export class Machine {
 
   clear() {
     this.film = this.of = null;
+    this.films.clear();
     this.scene?.dispose();
     this.scene = null;
     this.place.replaceChildren();
@@ -64,13 +67,38 @@ export class Machine {
   async buildInSpace() {
     await script("space/three.js");
     await script("space/scene.js");
-    const before = this.scene, stage = el("div", { class: "stage" }), tools = el("div", { class: "choices", role: "group", "aria-label": "camera and picture" });
+    const runs = await this.keptFilms(), before = this.scene, stage = el("div", { class: "stage" }), tools = el("div", { class: "choices", role: "group", "aria-label": "camera and picture" });
     this.place.replaceChildren(stage, tools);
-    this.scene = new (/** @type {any} */ (window)).SpaceScene(stage, tools, this.film);
+    this.scene = new (/** @type {any} */ (window)).SpaceScene(stage, tools, { ...this.film, runs });
     if (before) {
       this.scene.lookAs(before);
       before.dispose();
     }
+  }
+
+  /** The visible kept runs other than the newest run. */
+  shownKept() {
+    const { kept = [], live } = this.studio.runs, same = (/** @type {any} */ run) => live && run.text === live.text && JSON.stringify(run.values) === JSON.stringify(live.values);
+    return kept.filter((/** @type {any} */ run) => run.visible && !same(run));
+  }
+
+  /** The films of the kept runs in space, which are drawn over the newest run. */
+  async keptFilms() {
+    const kept = this.shownKept(), { document: file, link } = this.studio;
+    this.overlaid = kept.map((/** @type {any} */ run) => run.key).join();
+    for (const run of kept) {
+      if (this.films.has(run.key)) continue;
+      const told = await link.ask("film", { name: file.name, text: run.text, values: run.values }).catch(() => null);
+      this.films.set(run.key, told?.kind === "done" && told.film.solids ? told.film : null);
+    }
+    return kept.filter((/** @type {any} */ run) => this.films.get(run.key)).map((/** @type {any} */ run) => ({ ...this.films.get(run.key), label: run.label }));
+  }
+
+  /** After runs have been kept, forgotten, hidden or shown. */
+  async renew() {
+    if (!this.scene || this.place.hidden || !this.film?.solids || this.overlaid === this.shownKept().map((/** @type {any} */ run) => run.key).join()) return;
+    await this.buildInSpace();
+    this.at(this.studio.animation.time);
   }
 
   /** y goes upwards in m, that of the picture downwards. */

@@ -427,6 +427,7 @@ export class Runs {
   }
 
   showPlots() {
+    void this.studio.machine?.renew();
     const runs = this.visible;
     this.studio.animation?.follow();
     if (!runs.length) return;

@@ -9,6 +9,7 @@
     orange: ["#a35a00", "#f0b866", "#fbe8cc"],
   };
   const SOLIDS = ["box", "sphere", "disc", "mesh"], FLAT = ["ground", "level", "trace"];
+  const RUNS = ["blue", "red", "green", "gas", "orange", "dark"]; // colours of the runs that are overlaid
   const TURNS = 8, STEPS = 16, SIDES = 6; // coils of a spring, points of a coil, corners of its wire
   const FIELD = 32; // angle of the camera's view in degrees
   const STEP = 0.12; // rad by which an arrow key turns the camera, and the share of its distance by which it moves
@@ -25,7 +26,11 @@
   };
 
   class SpaceScene {
-    /** @param place an empty element with a height @param tools an element for the buttons @param data `packed` motion */
+    /** The colour of an overlaid run. @param {number} k its number, from 0 */
+    static runColour(k) { return COLOURS[RUNS[k % RUNS.length]][0]; }
+
+    /** @param place an empty element with a height @param tools an element for the buttons @param data `packed` motion, with
+     * other runs of the same or a similar machine under `runs`, which are translucent */
     constructor(place, tools, data) {
       Object.assign(this, { place, tools, data, frame: 0, followed: "" });
       this.frames = data.times[2];
@@ -50,9 +55,12 @@
       this.controls.addEventListener("change", () => this.draw());
       this.canvas.addEventListener("keydown", event => this.key(event));
       place.replaceChildren(this.canvas);
-      this.low = new THREE.Vector3(...data.edges.slice(0, 3));
-      this.high = new THREE.Vector3(...data.edges.slice(3));
-      this.solids = data.solids.map(solid => this.build(solid));
+      const runs = data.runs ?? [], corners = [data, ...runs].map(({ edges }) => edges);
+      this.low = new THREE.Vector3(...[0, 1, 2].map(i => Math.min(...corners.map(edges => edges[i]))));
+      this.high = new THREE.Vector3(...[3, 4, 5].map(i => Math.max(...corners.map(edges => edges[i]))));
+      this.solids = data.solids.map(solid => this.build(solid, data, 0));
+      runs.forEach((run, k) => this.solids.push(...run.solids.filter(({ kind }) => !["ground", "level"].includes(kind))
+        .map(solid => this.build({ ...solid, colour: RUNS[k % RUNS.length], label: "" }, run, k + 1))));
       this.buttons();
       this.observer = new ResizeObserver(() => this.resize());
       this.observer.observe(place);
@@ -70,10 +78,11 @@
     // -- what is drawn --------------------------------------------------------------------------------------------------
     material(colour, more = {}) { return new THREE.MeshLambertMaterial({ color: colour, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1, ...more }); }
 
-    build(solid) {
-      const [edge, face, pale] = COLOURS[solid.colour], group = new THREE.Group(), found = { solid, group, parts: {} };
+    /** @param solid its data @param film the run that moves it @param run number of an overlaid run, 0 for the first one */
+    build(solid, film, run) {
+      const [edge, face, pale] = COLOURS[solid.colour], group = new THREE.Group(), found = { solid, group, parts: {}, film, run };
       const mesh = (name, geometry, colour, more) => {
-        found.parts[name] = new THREE.Mesh(geometry, this.material(colour, more));
+        found.parts[name] = new THREE.Mesh(geometry, this.material(colour, run ? { transparent: true, opacity: 0.45, ...more } : more));
         group.add(found.parts[name]);
       };
       const outline = geometry => group.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), new THREE.LineBasicMaterial({ color: edge })));
@@ -117,8 +126,8 @@
         mesh("body", wire, edge, { side: THREE.DoubleSide });
         found.parts.body.frustumCulled = false;
       } else if (solid.kind === "trace") {
-        const points = new Float32Array(this.frames * 3), way = new THREE.BufferGeometry();
-        for (let k = 0; k < this.frames; k++) solid.courses.at.forEach((course, i) => { points[3 * k + i] = this.follow(course, k, 0); });
+        const frames = film.times[2], points = new Float32Array(frames * 3), way = new THREE.BufferGeometry();
+        for (let k = 0; k < frames; k++) solid.courses.at.forEach((course, i) => { points[3 * k + i] = this.follow(course, k, 0, film); });
         way.setAttribute("position", new THREE.BufferAttribute(points, 3));
         found.parts.way = new THREE.Line(way, new THREE.LineBasicMaterial({ color: edge }));
         found.parts.way.frustumCulled = false;
@@ -126,7 +135,7 @@
       } else if (solid.kind === "level") {
         mesh("body", new THREE.PlaneGeometry(1, 1), face, { transparent: true, opacity: 0.45, side: THREE.DoubleSide, depthWrite: false });
       } else if (solid.kind === "ground") {
-        const width = this.follow(solid.courses.size[0], 0, 0), ten = 10 ** Math.floor(Math.log10(width / 10));
+        const width = this.follow(solid.courses.size[0], 0, 0, film), ten = 10 ** Math.floor(Math.log10(width / 10));
         const cell = ten * ([1, 2, 5].find(n => width / (n * ten) <= 10) ?? 10), half = width / 2, lines = [];
         for (let k = -Math.floor(half / cell); k <= half / cell; k++) lines.push(k * cell, -half, 0, k * cell, half, 0, -half, k * cell, 0, half, k * cell, 0);
         if (!this.rule) this.rule = this.place.appendChild(element("div", { class: "rule" }, `squares of ${+cell.toPrecision(3)} m`));
@@ -140,28 +149,27 @@
     }
 
     /** A course between frame k and the next: a number, or the track that it follows and its offset. */
-    follow(course, k, part) {
+    follow(course, k, part, film) {
       if (typeof course === "number") return course;
-      const track = this.data.tracks[course[0]];
+      const track = film.tracks[course[0]];
       return course[1] + track[k] + part * ((track[k + 1] ?? track[k]) - track[k]);
     }
 
     /** Show the machine at a frame, which may lie between two. */
     show(frame) {
       if (!this.renderer) return;
-      const k = Math.max(0, Math.min(Math.floor(frame), this.frames - 1)), part = frame - k;
       const before = this.centre(this.followed);
       this.frame = frame;
       for (const found of this.solids) {
-        const { solid, group, parts } = found;
-        const get = name => solid.courses[name].map(course => this.follow(course, k, part));
+        const { solid, group, parts, film } = found, [k, part] = this.instant(film);
+        const get = name => solid.courses[name].map(course => this.follow(course, k, part, film));
         if (SOLIDS.includes(solid.kind)) {
           const [w, x, y, z] = get("turn");
           group.position.set(...get("at"));
           group.quaternion.set(x, y, z, w).normalize();
           group.scale.set(...get("size"));
         } else if (solid.kind === "trace") {
-          const [lasting] = get("duration"), [begin, end] = this.data.times, rate = (this.frames - 1) / (end - begin || 1);
+          const [lasting] = get("duration"), [begin, end, frames] = film.times, rate = (frames - 1) / (end - begin || 1);
           const first = lasting > 0 ? Math.max(0, Math.ceil(k - lasting * rate)) : 0;
           parts.way.geometry.setDrawRange(first, k + 1 - first);
         } else if (solid.kind === "ground") {
@@ -182,9 +190,18 @@
       this.draw();
     }
 
-    bar({ solid, group, parts }, from, to, width, barrel) {
-      const along = to.clone().sub(from), length = along.length();
-      group.visible = length > 1e-9 && !this.isHidden(solid.kind);
+    /** The frame of a run at the present time and the part of the next one; a run that is over stays at its end. */
+    instant(film) {
+      const [begin, end, frames] = film.times, [first, last] = this.data.times;
+      const time = first + (last - first) * this.frame / (this.frames - 1 || 1);
+      const frame = film === this.data ? this.frame : Math.max(0, Math.min(frames - 1, (time - begin) / (end - begin || 1) * (frames - 1)));
+      const k = Math.max(0, Math.min(Math.floor(frame), frames - 1));
+      return [k, frame - k];
+    }
+
+    bar(found, from, to, width, barrel) {
+      const { solid, group, parts } = found, along = to.clone().sub(from), length = along.length();
+      group.visible = length > 1e-9 && !this.isHidden(found);
       if (!(length > 1e-9)) return;
       group.position.copy(from);
       group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), along.divideScalar(length));
@@ -222,8 +239,8 @@
     centre(name) {
       const found = name && this.solids.find(({ solid }) => solid.name === name);
       if (!found) return null;
-      const k = Math.max(0, Math.min(Math.floor(this.frame), this.frames - 1)), part = this.frame - k;
-      const point = key => new THREE.Vector3(...found.solid.courses[key].map(course => this.follow(course, k, part)));
+      const [k, part] = this.instant(found.film);
+      const point = key => new THREE.Vector3(...found.solid.courses[key].map(course => this.follow(course, k, part, found.film)));
       return found.solid.courses.from ? point("from").add(point("to")).multiplyScalar(0.5) : point("at");
     }
 
@@ -272,7 +289,7 @@
       const [select] = this.tools.getElementsByTagName("select");
       select.value = other.followed;
       this.followed = select.value; // empty if there is no such body
-      for (const kind of other.hidden) this.tools.querySelector(`[data-kind=${kind}]`)?.click();
+      for (const kind of other.hidden) this.tools.querySelector(`[data-kind="${kind}"]`)?.click();
     }
 
     key(event) {
@@ -316,29 +333,34 @@
     }
 
     // -- the buttons ----------------------------------------------------------------------------------------------------
-    isHidden(kind) { return this.hidden?.has(kind) ?? false; }
+    isHidden({ solid, run }) { return (this.hidden?.has(solid.kind) || this.hidden?.has(`run ${run}`)) ?? false; }
 
     buttons() {
       this.hidden = new Set();
-      const named = this.solids.map(({ solid }) => solid).filter(solid => !FLAT.includes(solid.kind));
+      const named = this.solids.filter(({ run }) => !run).map(({ solid }) => solid).filter(solid => !FLAT.includes(solid.kind));
       const select = element("select", { "aria-label": "follow a body", title: "The camera moves with a body", onchange: event => { this.followed = event.target.value; } },
         element("option", { value: "" }, "fixed camera"), ...named.map(solid => element("option", { value: solid.name }, `follow ${solid.label || solid.name}`)));
       const box = (kind, text) => {
-        if (!this.solids.some(({ solid }) => solid.kind === kind)) return [];
+        if (!kind.startsWith("run ") && !this.solids.some(({ solid }) => solid.kind === kind)) return [];
         const input = element("input", { type: "checkbox", "data-kind": kind, onchange: () => this.reveal(kind, input.checked) });
         input.checked = true;
         return [element("label", {}, input, ` ${text}`)];
       };
+      const runs = (this.data.runs ?? []).map((run, k) => {
+        const [label] = box(`run ${k + 1}`, run.label);
+        label.style.color = SpaceScene.runColour(k);
+        return label;
+      });
       this.tools.replaceChildren(
         element("button", { type: "button", title: "Show the whole machine (0)", onclick: () => this.whole() }, "Whole machine"), select,
-        ...box("arrow", "arrows"), ...box("trace", "traces"),
+        ...box("arrow", "arrows"), ...box("trace", "traces"), ...runs,
         element("button", { type: "button", title: "Save the present picture as a PNG file", onclick: () => this.save() }, "PNG"));
     }
 
     reveal(kind, shown) {
       if (shown) this.hidden.delete(kind);
       else this.hidden.add(kind);
-      for (const { solid, group } of this.solids) if (solid.kind === kind) group.visible = shown;
+      for (const found of this.solids) found.group.visible = !this.isHidden(found);
       this.show(this.frame);
     }
 
