@@ -12,6 +12,7 @@ from heavebond.core.units import DIMENSIONLESS
 from heavebond.diagnosis.answer.sentences import unusual_values
 from heavebond.diagnosis.candidates.catalogue import EffectNumber
 from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.evidence.probability import CALIBRATION, evidence
 from heavebond.diagnosis.search.step import ACTS_ALWAYS, ENDS_NO_MOTION, make_stage
 from heavebond.estimation.experiment import FARTHEST, Experiment, load_experiment
 from heavebond.numerics.dae import assemble
@@ -90,6 +91,18 @@ def test_a_saturation_that_always_acts_is_another_input(tmp_path: Path) -> None:
         chosen = stage.chosen.candidate.label if stage.chosen is not None else ""
         assert (chosen == "Saturation before drive.u") == kept
         assert (stage.excluded.get("Saturation before drive.u") == ACTS_ALWAYS) != kept
+
+
+def test_a_law_that_makes_a_wrong_model_stand_still_explains_nothing(tmp_path: Path) -> None:
+    """The speed of a rotor does not follow its torque. A sensor that sees nothing reduces chi-square to that of a mean."""
+    t = np.arange(0, 10, 0.05)
+    w = 10 + np.sin(2*np.pi*t/0.7) + np.random.default_rng(2).normal(0, 0.01, len(t))
+    made = experiment(tmp_path, ROTOR, {"t": t, "w": w, "tau": 10*np.sin(2*np.pi*t/2)},
+                      "drive.u: {column: tau, unit: N*m, interpolation: linear}",
+                      "shaft.w: {column: w, unit: rad/s, noise: 0.01 rad/s}")
+    stage = make_stage(made, number=1, classes=("sensor gain",))
+    assert stage.trials[0].chi2_fit < 0.5 * stage.chi2_fit and stage.still == pytest.approx(0.5 / 0.01**2, rel=0.05)
+    assert evidence([stage]).unexplained(CALIBRATION.temperature) == 1
 
 
 def test_a_bent_characteristic_is_no_candidate_for_a_temperature_far_from_absolute_zero(tmp_path: Path) -> None:

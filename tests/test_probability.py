@@ -287,6 +287,8 @@ def test_a_law_that_explains_nothing_noticeable_is_no_explanation(monkeypatch: p
     assert of(weak)[OUTSIDE] == pytest.approx(0.98) and of(weak)["sensor drift"] == 0
     mixed = probability.evidence([replace(stage(("sensor drift", "x", 330.0), ("heat loss", "room", 200.0)), **before)])
     assert of(mixed)["heat loss"] + of(mixed)[OUTSIDE] == pytest.approx(0.98) and of(mixed)["heat loss"] > 0.2
+    still = replace(stage(("heat loss", "room", 200.0)), **before, still=220.0)  # the mean values leave hardly more
+    assert of(probability.evidence([still]))[OUTSIDE] == pytest.approx(0.98)
 
 
 def test_candidates_that_act_as_a_refitted_one_or_cannot_be_simulated_are_not_left_to_try() -> None:

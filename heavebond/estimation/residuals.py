@@ -198,6 +198,12 @@ class Run:
             self._carried[key] = self.horizon.carried(channel, self.found.grid[place], self.noise[samples])
         return without_carried(self._carried[key], rows)
 
+    def about_means(self) -> Array:
+        """(mean - measured)/noise (n,) of the fitted samples, with the mean value of each channel in place of the model."""
+        means = np.array([row[on].mean() if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
+        wrong = (means[:, None] - self.measured)[self.counts] / self.noise[self.counts]
+        return self.without_carried(wrong, self.counts)
+
     @cached_property
     def broken(self) -> Array:
         """The residuals (n,) of the fitted samples for a failed run."""

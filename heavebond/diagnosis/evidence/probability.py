@@ -21,7 +21,7 @@ their class. So one of ninety variations must predict better than one of two sen
 refine a simpler law at the same place, with an amplitude that is not significant. The weight of such a law is added to the
 weight of the simpler one.
 
-A law that explains no noticeable part of the misfit (`step.is_noticeable`) is not what is missing, also if it predicts best
+A law that explains no noticeable part of the misfit (`step.explains`) is not what is missing, also if it predicts best
 of all: its weight counts as a law outside the catalogue. The further odds of such a law are A if the residual is noise. If
 it is larger, the identified curves represent such laws. With the same weight r_k of curve k relative to the best law, both
 in one diagram, and the share w of the best law among the effects, the odds are A w sum_k r_k. If no curve was fitted, the
@@ -52,7 +52,7 @@ from heavebond.diagnosis.evidence.prediction import block_length, levelled, resa
 from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.schedule import family, largest_gains
-from heavebond.diagnosis.search.step import Stage, is_noticeable, refines, twins_of
+from heavebond.diagnosis.search.step import Stage, explains, refines, twins_of
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
@@ -202,14 +202,14 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     value_trials = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
     alike = _families((*stage.trials, *value_trials), stage)
 
-    def explains(trial: Refit) -> bool:
-        return is_noticeable(first if trial.candidate.kind == VALUE else stage, trial)
+    def explaining(trial: Refit) -> bool:
+        return explains(first if trial.candidate.kind == VALUE else stage, trial)
 
-    best = [min(family, key=lambda t: (not explains(t), loss(t))) for family in alike]
+    best = [min(family, key=lambda t: (not explaining(t), loss(t))) for family in alike]
     weights = _with_prior(law_weights(best), best, stage)
     if stage.joint and value_trials:
         weights = _beside_values(best, weights, _families((*first.trials, *value_trials), first), first)
-    weights = {t: w * [explains(b) for b in best] for t, w in weights.items()}
+    weights = {t: w * [explaining(b) for b in best] for t, w in weights.items()}
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # after a search that was ended early the residual is not evidence for a law outside the catalogue: further effects were
     # not tried

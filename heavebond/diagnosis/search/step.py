@@ -87,6 +87,8 @@ class Stage:
     value. `as_one` maps each node to the first of the nodes that move together with it in the base model. `excluded` gives
     the reason for each effect that was not tried, got no exact score (see `search.prescore`) or was not kept.
 
+    `still` is chi-square per sample on the fitted records of the mean values of the channels in place of a model.
+
     The choice: `chosen` is the chosen refit, `cluster` the candidates that the records cannot distinguish from it (the
     chosen one first), `identity` the comparison of the candidates with it. `joint` are the leading candidates, each refitted
     with one further effect (see `stepwise.best_pairs`); it is empty if no further step was made.
@@ -124,6 +126,7 @@ class Stage:
     prescored: int = 0
     excluded: Mapping[str, str] = field(default_factory=dict)
     joint: tuple[Refit, ...] = ()
+    still: float = np.inf
 
     @property
     def bic(self) -> float:
@@ -577,7 +580,7 @@ def _judged(base: Base, errors: PredictiveErrors, tests: ResidualTests, scores: 
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
         float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, tests,
         best_scores, tuple(sorted(trials, key=merit)), None, (), twins, unseen, partial, seconds, errors=errors,
-        as_one=as_one)
+        as_one=as_one, still=float(sum(r @ r for r in (run.about_means() for run in problem.runs))) / len(base.r))
     earned = _earned(stage)
     return choosing(stage, _leader(stage, earned)) if earned else stage
 
@@ -620,6 +623,15 @@ def is_noticeable(stage: Stage, trial: Refit) -> bool:
     """
     assert stage.errors is not None and trial.errors is not None
     return share_taken(stage.errors, trial.errors, *((SELECTION, TEST) if stage.shown_held_out else ALL)) > DECISION.further
+
+
+def explains(stage: Stage, trial: Refit) -> bool:
+    """True if a refit explains a noticeable part of the residual, and also of the one that the mean values of the channels
+    leave. A law may only make a wrong model stand still: a sensor gain of -100 %, a brake."""
+    assert trial.errors is not None
+    left = trial.errors.mean(FITTED)
+    return is_noticeable(stage, trial) and \
+        left <= (1 - DECISION.further) * stage.still + DECISION.further * min(stage.still, 1.0)
 
 
 def choosing(stage: Stage, trial: Refit) -> Stage:
