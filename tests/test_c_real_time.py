@@ -233,6 +233,9 @@ def test_unsuitable_diagrams_are_refused_with_what_to_type(tmp_path: Path) -> No
         assert expected in str(caught.value)
     with pytest.raises(hb.UsageError, match=r"Write m\.c"):
         hb.export(hb.loads(LAG), tmp_path / "m.mo", step="1 ms")
+    for unused in ({"fmi": 2}, {"cross": True}, {"locals": ["lag.y"]}):
+        with pytest.raises(hb.UsageError, match="is for FMUs"):
+            hb.export(hb.loads(LAG), tmp_path / "m.mo", **unused)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
     assert set(METHODS) == {"euler", "rk4", "backward-euler", "rosenbrock"}
 

@@ -77,9 +77,6 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
     from heavebond.language.model import load
 
     check_writable(output, SUFFIXES)
-    if local_variables and output.suffix.lower() != ".fmu":
-        raise UsageError([Problem("local-unused", f"local variables are for FMUs; '{output}' is not one", None,
-                                  f"Write {output.stem}.fmu, or leave out --local.")])
     with blamed_on_settings(settings), terminal.working("writing"):
         diagram, picture = with_settings(load(model), settings), ""
         if output.suffix.lower() == ".fmu":

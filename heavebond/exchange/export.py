@@ -32,7 +32,7 @@ def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), 
     or a method that does not suit the diagram, ModelError for an invalid diagram or one with FMUs, and for a part that
     Modelica cannot express.
     """
-    path, diagram = Path(path), loaded(model)
+    path, diagram, locals = Path(path), loaded(model), tuple(locals)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {joined(SUFFIXES, 'or')}", None,
                                   f"Write for example {path.stem or 'model'}{SUFFIXES[0]}.")])
@@ -40,6 +40,11 @@ def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), 
         option = "solver" if step is None else "step"
         raise UsageError([Problem("step-unused", f"a {option} is for programs in C; '{path}' is not one", None,
                                   f"Write {path.stem}.c, or leave out `--step` and `--solver`.")])
+    if path.suffix.lower() != ".fmu":
+        for option, given in (("--fmi", fmi != 3), ("--cross", cross), ("--local", bool(locals))):
+            if given:
+                raise UsageError([Problem("fmu-option", f"`{option}` is for FMUs; '{path}' is not one", None,
+                                          f"Write {path.stem}.fmu, or leave out `{option}`.")])
     if parameters:
         diagram = diagram.with_parameters(parameters)
     try:

@@ -8,6 +8,7 @@ signal can surpass, also one that knows the future; it is a local optimum if the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -64,12 +65,15 @@ class OptimalConstants:
     least: share of the range, or of the cost, in the diagram's own run that is the smallest range and size for this
         comparison. Origin: an input that removes a variation leaves rounding of it. Doubled: larger differences pass.
     limit: share by which a limit may be exceeded in the run. Origin: as above. Doubled: larger excesses pass.
+    near_zero: cost over the diagram's own cost below which a root has too steep a derivative for the solver. Origin: its
+        tolerance. Doubled: the advice appears for larger costs.
     """
 
     points: int = 10
     agrees: float = 0.02
     least: float = 0.5
     limit: float = 0.01
+    near_zero: float = 1e-4
 
 
 OPTIMAL = OptimalConstants()
@@ -143,7 +147,10 @@ class Optimal:
         size = max(abs(self.cost), abs(self.collocated), before, 1e-300)
         reasons = []
         if self.message not in SOLVED:
-            reasons.append(f"the solver ended with {self.message.replace('_', ' ').lower()}")
+            near_zero = abs(self.collocated) < OPTIMAL.near_zero * abs(self.before)
+            reasons.append(f"the solver ended with {self.message.replace('_', ' ').lower()}" + (
+                " near a cost of 0, where `rms` and `deviation` have no derivative: minimise the mean square, mean(e**2)"
+                if near_zero and re.search(r"\b(rms|deviation)\(", self.task.cost) else ""))
         if worst and not self.differences[worst] <= OPTIMAL.agrees:
             reasons.append(f"{worst} differs by {100 * self.differences[worst]:.2g} % of its range between collocation and "
                            "run")
