@@ -266,7 +266,7 @@ class FaultOnset:
             names = [f"{n.name}.{variable}" for n in place.nodes]
             if not all(name in index for name in names):
                 continue
-            value = sum(place.weights[n.key] * local[:, index[name]] for n, name in zip(place.nodes, names, strict=True))
+            value = local[:, [index[name] for name in names]] @ np.array([place.weights[n.key] for n in place.nodes])
             size = float(np.sqrt(np.mean(value**2)))
             if size > 0:
                 laws.append((f"{place.name}.{variable}", value / size))

@@ -147,7 +147,8 @@ class PredictiveControl:
         commands = self.low[:, None] + span[:, None] * share
         self._before = commands[:, 0]
         courses = np.column_stack([x, at_samples]) * self.assembly.x_nominal[:, None]
-        return PredictedPlan(time + self.period * np.arange(self.horizon + 1), dict(zip(self.free, commands, strict=True)),
+        instants: Array = np.asarray(time + self.period * np.arange(self.horizon + 1), np.float64)
+        return PredictedPlan(instants, dict(zip(self.free, commands, strict=True)),
                              dict(zip(names, courses, strict=True)), float(result["f"]), int(statistics["iter_count"]),
                              float(slack.max(initial=0.0)))
 
