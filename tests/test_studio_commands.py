@@ -168,6 +168,13 @@ def test_a_command_follows_the_sliders_and_takes_values_with_semicolons(tab: bro
     tab.wait("studio.evidence.jobs.state('command')?.result?.command?.includes('sweep')", 60)
     assert tab.run("document.querySelector('#printed').textContent").count("wrote") >= 3
     assert tab.run("document.querySelectorAll('#evidence img').length") == 2  # the curves and the map of the sweep
+    choose("linear")  # fields that take names offer those of the diagram
+    assert tab.run("[...document.querySelectorAll('#names-inputs option')].map(option => option.value)") == ["road.u"]
+    assert tab.run("""(() => { const add = document.querySelector("[aria-label='add a name to from']"); add.value = "road.u";
+        add.dispatchEvent(new Event("change")); return document.getElementById("option-inputs").value; })()""") == "road.u"
+    tab.click("#begin-command")  # without an output: the options stay open
+    tab.wait("studio.evidence.jobs.state('command')?.state === 'failed' && document.querySelector('.command-options').open",
+             60)
     assert tab.complaints == []
 
 

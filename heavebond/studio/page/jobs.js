@@ -163,6 +163,7 @@ export class Jobs {
     const extra = tab === "where" && job?.result ? await this.place(job) : null;
     return (/** @type {HTMLElement} */ place) => {
       const running = Boolean(this.running);
+      if (tab === "command" && job?.state === "failed") this.commands.closed = false; // the options are to be changed
       place.append(el("div", { class: "task" }, el("h2", {}, what.title), el("p", { class: "said" }, what.words,
         tab === "command" ? null : el("span", { class: "hint" }, " On the command line: ", el("code", {}, `heavebond ${what.command} ${this.studio.document.name.replace(/^bundled:/, "")}`))),
       ...(tab === "command" ? commandForm(this.studio, this.forms, this.commands, running, (given) => this.command(given)) : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
