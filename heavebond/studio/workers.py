@@ -18,7 +18,7 @@ from heavebond.core.native_permission import fmu_allowed, fmu_code, native_allow
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, ForkServerProcess, SpawnContext, SpawnProcess
 
-# Processes of all tabs: a tab has three. If tabs that move sliders at the same time are more than the processes, each run waits
+# Processes of all tabs: a tab has three. If more tabs move sliders at the same time than there are processes, each run waits
 # for a process that is prepared anew: ten tabs had a median latency of 2 s with 9 processes, of 28 ms with 16 (600 MB).
 MOST = 16
 Answer = tuple[str, Any, Any]  # kind, content, array
