@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from operator import itemgetter
 
 from heavebond.numerics.result import Result
 from heavebond.studio.contents import Entry
@@ -45,9 +46,8 @@ def event_log(result: Result, name: str = "") -> Entry:
         changed = result.statistics.get(key, [])
         assert isinstance(changed, list)
         for change in changed if not name else []:
-            before, after = (", ".join([v] if isinstance(v := change[side], str) else v) for side in ("before", "after"))
+            sides = [", ".join([v] if isinstance(v := change[side], str) else v) for side in ("before", "after")]
             entries.append({"time": change["time"], "part": "", "event": f"change of {what}", "name": "",
-                            "text": f"{before} -> {after}: {change['why']}" if change.get("why") else f"{before} -> {after}",
-                            "changes": []})
-    entries.sort(key=lambda entry: float(entry["time"]))
+                            "text": " -> ".join(sides) + (f": {change['why']}" if change.get("why") else ""), "changes": []})
+    entries.sort(key=itemgetter("time"))
     return {"events": entries, "counts": dict(counts), "of": counts[name] if name else counts.total()}
