@@ -22,7 +22,7 @@ from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Free, load_experiment
 from heavebond.estimation.fitting import Fit, fit, fitted_diagram, profile
 from heavebond.estimation.records import measure
-from heavebond.estimation.residuals import SETTLED, SHORT, Column, Residuals, Run, condensed, promised
+from heavebond.estimation.residuals import ROUGHLY, SETTLED, SHORT, UNEVEN, Column, Residuals, Run, condensed, promised
 from heavebond.language.edits import write
 from heavebond.reports.result_tables import own_words
 
@@ -313,6 +313,26 @@ def test_a_descent_that_has_settled_is_within_a_hundredth_of_the_standard_errors
     step = near.x - far.x
     assert near.message == SETTLED and len(near.history) < len(far.history)
     assert step @ (J.T @ J + priors.T @ priors) @ step < (2 * SHORT)**2 * 2 * far.cost / problem.samples
+
+
+def test_a_descent_on_rough_runs_ends_at_their_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With errors of 2 % of the noise, which change from point to point, further runs only find smaller errors."""
+    problem = Residuals(hb.load_experiment("passive_rig/nothing"))
+    best = problem.minimise(problem.start, False, lambda text: None, settle=True)
+    J, priors = problem.evaluate(best.x)[1], problem.priors(best.x)[1]
+    exact = problem.evaluate
+
+    def rough(inner: np.ndarray, most: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        r, slopes = exact(inner)
+        return r + 0.02 * np.sin(1e9 * inner.sum() + np.arange(len(r))), slopes
+
+    monkeypatch.setattr(problem, "evaluate", rough)
+    settled, ended = (problem.minimise(problem.start, False, lambda text: None, settle=True, rough=rough_runs)
+                      for rough_runs in (False, True))
+    assert ended.message == UNEVEN and 2 * len(ended.history) < len(settled.history)
+    step = ended.x - best.x
+    # the errors move the minimum as well
+    assert step @ (J.T @ J + priors.T @ priors) @ step < (2 * ROUGHLY)**2 * max(1.0, 2 * best.cost / problem.samples)
 
 
 @pytest.mark.long

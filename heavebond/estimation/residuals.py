@@ -41,6 +41,9 @@ ROUNDING = 1e-9  # share by which the sum of squares of the condensed problem ma
 ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."
 # A descent is settled if the step to the minimum of its tangent is shorter than this many standard errors.
 SETTLED, SHORT = "A further step would be shorter than a hundredth of the standard errors.", 0.01
+# A descent on rough runs also ends (UNEVEN) if a step does not lower the sum of squares although it is shorter, by the
+# tangent, than this many standard errors: the errors of the runs are then as large as what it promises.
+UNEVEN, ROUGHLY = "The errors of the runs are as large as what a further step promises.", 0.3
 
 
 @dataclass(frozen=True)
@@ -413,28 +416,28 @@ class Residuals:
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 
     def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
-                 tolerance: float = 1e-8, partial: bool = False, settle: bool = False) -> Descent:
+                 tolerance: float = 1e-8, partial: bool = False, settle: bool = False, rough: bool = False) -> Descent:
         """Least squares from `start`; the columns in `fixed` are constant. It ends after `most` runs (twice), or if a step
         changes the sum of squares or the unknowns by less than `tolerance`; with `settle` (for squares, not robust
-        losses) also if it is settled (SETTLED).
+        losses) also if it is settled (SETTLED), and with `rough` runs, those of a search, within their errors (UNEVEN).
 
         First SciPy's reflective method, which avoids the ends of ranges and converges from distant starts; then, from its
         end, the dogleg method in boxes, which converges to an optimum at an end or along a narrow valley. With `partial`
         an interrupt ends it with its best result so far (ENDED_EARLY).
         """
         first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial,
-                             settle=settle)
-        if first.message == ENDED_EARLY or (first.message == SETTLED and not self.at_end(first.x).any()):
+                             settle=settle, rough=rough)
+        if first.message == ENDED_EARLY or (first.message in (SETTLED, UNEVEN) and not self.at_end(first.x).any()):
             return first
         last = self.descend(first.x, robust, progress, fixed, most=most, tolerance=tolerance, method="dogbox",
-                            partial=partial, settle=settle)
+                            partial=partial, settle=settle, rough=rough)
         best = last if last.cost <= first.cost else first
         return replace(best, history=(*first.history, *last.history), message=last.message if partial else best.message)
 
     def descend(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int,
                 tolerance: float, method: Literal["trf", "dogbox"],
                 enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False,
-                settle: bool = False, promise: float = 0.0) -> Descent:
+                settle: bool = False, rough: bool = False, promise: float = 0.0) -> Descent:
         """One of the two methods of `minimise`; it also ends if `enough`, which receives the sum of squares of each run
         so far and the best unknowns, returns ARRIVED or GIVEN_UP, or if the tangent predicts a relative decrease below
         `promise`."""
@@ -445,6 +448,7 @@ class Residuals:
         near = AT_END if method == "trf" else 0.0  # that method does not reach an end
         costs: list[float] = []
         best = np.zeros(len(moving))
+        tangent = np.zeros(0), np.zeros((0, len(moving)))  # residuals and Jacobian at the best unknowns
 
         def whole(y: Array) -> Array:
             inner = start.copy()
@@ -462,19 +466,24 @@ class Residuals:
             return residuals_and_jacobian if robust else condensed(*residuals_and_jacobian)
 
         def values(y: Array) -> Array:
-            nonlocal best
-            residuals = both(y.tobytes())[0]
+            nonlocal best, tangent
+            residuals, slopes = both(y.tobytes())
             costs.append(float(residuals @ residuals))
             best = y.copy() if costs[-1] == min(costs) else best
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
             if reason := enough(costs, whole(best)):
                 raise _Enough(reason)
             if (settle or promise) and costs[-1] == min(costs):
-                fall = promised(*both(y.tobytes()), y, near)
+                tangent = residuals, slopes
+                fall = promised(residuals, slopes, y, near)
                 if settle and fall < SHORT**2 * max(1.0, costs[-1] / self.samples):
                     raise _Enough(SETTLED)
                 if fall < promise * costs[-1]:
                     raise _Enough(ARRIVED)
+            if settle and rough and costs[-1] > min(costs):
+                fall = min(costs) - float(np.sum((tangent[0] + tangent[1] @ (y - best))**2))
+                if fall < ROUGHLY**2 * max(1.0, min(costs) / self.samples):
+                    raise _Enough(UNEVEN)
             return residuals
 
         def jacobian(y: Array) -> Array:

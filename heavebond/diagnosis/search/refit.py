@@ -427,7 +427,7 @@ class _RefitProblem:
     def arrive(self, start: Array, progress: Progress) -> Array:
         """Converge to the optimum from a point near it."""
         def arrived(start: Array) -> Array:
-            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE, settle=True).x
+            return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE, settle=True, rough=True).x
 
         return self._further_out(arrived(start), arrived)
 

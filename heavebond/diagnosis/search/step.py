@@ -452,7 +452,7 @@ def fitted_base(experiment: Experiment) -> Base:
 
 def _fitted(problem: Residuals, inner: Array) -> Base:
     if len(inner):
-        inner = problem.minimise(inner, False, lambda text: None, tolerance=1e-6, settle=True).x
+        inner = problem.minimise(inner, False, lambda text: None, tolerance=1e-6, settle=True, rough=True).x
     return Base.at(problem, inner)
 
 
