@@ -260,3 +260,21 @@ simulate: {until: 1.5 s, every: 10 ms}
     passed = np.clip(run.time[:, None] - samples - 0.033, 0, 0.02)
     assert run.si["b.w"] == pytest.approx(passed @ (8 * np.sin(5 * samples)), abs=1e-9)  # pieces between exact instants
     assert run.verdict.status == "clean"
+
+
+def test_a_delayed_relay_switches_alike_at_the_time_of_a_clock():
+    """The history counts from the begin of the run: only instants are rounded, to 2.4e-7 s at 1.4e9 s."""
+    text = """
+model: late
+components:
+  l: {is: FirstOrderLag, T_1: 0.1 s, u: =q.y}
+  d: {is: Delay, T: 50 ms, u: =l.y}
+  k: {is: Relay, u_on: 0.5, u_off: 0.3, y_on: 0, y_off: 1, u: =d.y}
+  q: {is: Delay, T: 20 ms, u: =k.y}
+simulate: {from: BEGIN s, until: END s, every: 5 ms}
+"""
+    early, late = (hb.simulate(hb.loads(text.replace("BEGIN", str(t)).replace("END", str(t + 1))))
+                   for t in (0, 1_400_000_000))
+    times = [[t - run.time[0] for t, _ in run.events] for run in (early, late)]
+    assert len(times[0]) == len(times[1]) == 7
+    assert times[1] == pytest.approx(times[0], abs=4 * 2.4e-7)  # several instants follow from each other

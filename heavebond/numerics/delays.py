@@ -210,8 +210,9 @@ class Delays:
                     f"{end - t:g} s into {(end - t) / length if length > 0 else float('inf'):.2g} windows", delay.place,
                     "Give a delay of 0 s, which passes the signal through, an approximation without history (for a Delay "
                     "`m: 3`), or run for a shorter time.")])
-        # of the times beside a discontinuity: far from 0 the history cannot be followed more exactly
-        self.rounding = DELAYS.beside * EVENTS.same_roundings * float(np.spacing(max(abs(t), abs(end))))
+        # far from 0: of an instant, with which functions of time are rounded, and of the times beside a discontinuity
+        self.instant = 2 * float(np.spacing(max(abs(t), abs(end))))
+        self.rounding = DELAYS.beside / 2 * EVENTS.same_roundings * self.instant
         index = [d.index for d in self.delays]
         self.before: Array = np.concatenate([p[index], dp[index].T.ravel()])
         self.stretches: list[Stretch] = []
@@ -320,7 +321,7 @@ class Delays:
     def _allowed(self, k: int) -> Array:
         """The admissible errors (1 + m,) of a delayed variable and its sensitivities."""
         scale = self.largest[self._rows[k]]
-        relative, absolute = max(self.rtol, self.rounding / self.lengths[k]), np.where(np.arange(1 + self.m), 0.0, 1.0)
+        relative, absolute = max(self.rtol, self.instant / self.lengths[k]), np.where(np.arange(1 + self.m), 0.0, 1.0)
         return np.asarray(DELAYS.tolerance * (relative * scale + self.atol[k] * absolute) + 1e-13 * scale + 1e-300)
 
     # -- windows ---------------------------------------------------------------------------------------------------

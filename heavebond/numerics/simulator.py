@@ -571,7 +571,7 @@ class Simulator:
         exact = first.steps == 0
         small = far_below(reached, nominal, declared, exact)
 
-        def along() -> tuple[Array, ...]:
+        def arguments_along() -> tuple[Array, ...]:
             chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
             return tuple(of[:, chosen] for of in self._columns(first, stops, trace.x, trace.z, trace))
 
@@ -580,7 +580,7 @@ class Simulator:
         nearly_constant = little_moved(lowest, highest, exact)
         if not trace.stays:
             allowed = self.solver.controlled(self.tolerances).rtol * steps
-            nearly_constant += drifting(assembly, lowest, highest, allowed, along)
+            nearly_constant += drifting(assembly, lowest, highest, allowed, arguments_along)
         about = dict(zip(assembly.state_names, first.x.tolist(), strict=True))
         origins = {name: about[name] for name in nearly_constant if about.get(name) and name not in assembly.sizes}
         wanted = {**{name: reached[name] for name in small}, **{name: highest[name] - lowest[name] for name in origins}}
@@ -600,7 +600,7 @@ class Simulator:
                 dense_sizes = dense.run().assembly.sizes
                 return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
         steps = steps * last // (len(stops) - 1)
-        return fitting_sizes(assembly, wanted, origins, hidden, along(), steps, self.tolerances.atol)
+        return fitting_sizes(assembly, wanted, origins, hidden, arguments_along(), steps, self.tolerances.atol)
 
     def _steep_sizes(self, assembly: Assembly, first: Start) -> dict[str, Size]:
         """Sizes of algebraic unknowns whose absolute tolerance would be a large error of a rate at the start: forces on
