@@ -38,7 +38,7 @@ def _step(found: list[Candidate], partial: bool = False, planned: int = 0) -> An
     """A step with these candidates, the scores of which are equal, and no refits."""
     scores = tuple(SimpleNamespace(candidate=c, gain=1.0) for c in found)
     return SimpleNamespace(experiment=EXPERIMENT, scores=scores, trials=(), places=PLACES, partial=partial, planned=planned,
-                           joint=(), twins={})
+                           joint=(), twins={}, broken=())
 
 
 def _evidence(weights: dict[str, float], left: float = 1.0, missing: float = 0.0) -> Evidence:
@@ -131,16 +131,18 @@ def test_a_search_that_was_ended_early_has_the_same_tree_with_wider_probabilitie
     assert cut.words[0].startswith("No conclusion yet; by the scores so far")
     assert replace(cut, fitted=True).words[0].startswith("So far: ") and set(cut.as_dict()) == set(whole.as_dict())
     assert answer_tree([], None, (), (), None, True).words[0].startswith("So far no level")
-    # another law of the class there has a third of the score and no refit: the class keeps its probability, the law does not
+    # another law of the class there has a third of the score and no refit, and two candidates have no score: the class keeps
+    # its probability, the law does not
     step = _step([FRICTION, FOUND["StribeckFriction between platform and crown"]], partial=True)
-    step.scores[0].gain, step.excluded = 2.0, {}
+    step.scores[0].gain, step.excluded, step.broken = 2.0, {}, ("broken",)
+    step.planned = 5  # two of four were scored
     step.trials = (SimpleNamespace(candidate=FRICTION, errors=1.0, values={FRICTION.numbers[0].name: 8000.0}),)
     open_ = answer_tree([step], known, (), (), None, True).effects[0].root
     _sums(open_)
     klass, before = (root.children[0].children[0].children[0].children[0] for root in (open_, whole.effects[0].root))
     assert klass.probability == pytest.approx(before.probability)
     law = next(child for child in klass.children if child.name == "CoulombFriction")
-    assert law.probability == pytest.approx(2 / 3 * next(c.probability for c in before.children if c.name == law.name))
+    assert law.probability == pytest.approx(2 / 3 / 2 * next(c.probability for c in before.children if c.name == law.name))
 
 
 def test_scores_alone_give_the_place_before_the_first_refit() -> None:

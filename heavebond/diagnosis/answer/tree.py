@@ -258,6 +258,8 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
     """Effects of the catalogue with their probabilities. The probability of a class at a place is divided among its laws."""
     known = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
     candidates = {c.label: c for c in known}
+    scored = len({s.candidate.label for s in step.scores})
+    reached = scored / max(step.planned - len(step.broken), scored, 1) if step.partial else 1.0  # share of the candidates
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
     leaves = []
     for event in events:
@@ -272,6 +274,7 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
                  and family(s.candidate) in {family(law) for law in laws}}
         open_ = sum(gain for label, gain in gains.items() if label not in event.labels and label not in step.excluded) \
             / max(sum(gains.values()), 1e-300)
+        open_ = 1 - (1 - open_) * reached if fitted else 0.0
         for law in laws:
             if shares.get(law.label, 0.0) > 0:
                 keys, names = levels(step, law, event.kind, library)
