@@ -1,9 +1,10 @@
 """Records of an arm on two joints by MuJoCo: `python -m benchmarks.pan_tilt_records` writes those of the experiments
 `spatial/pan_tilt_friction` and `spatial/pan_tilt_centre` into models/spatial/data.
 
-MuJoCo integrates its own model of the arm by Runge-Kutta steps of 0.2 ms, with the torques of the records, in which each
-joint is driven by sines of several frequencies. In the records of the friction the tilting joint has Coulomb friction
-(`frictionloss`); in those of the centre of mass the arm is 20 mm longer than the diagram says. The angles have white noise.
+MuJoCo reads the arm from spatial/pan_tilt.urdf and integrates it by Runge-Kutta steps of 0.2 ms, with the torques of the
+records, in which each joint is driven by sines of several frequencies. In the records of the friction the tilting joint has
+Coulomb friction (`frictionloss`); in those of the centre of mass the arm is 20 mm longer than the diagram says. The angles
+have white noise.
 """
 
 from __future__ import annotations
@@ -20,21 +21,6 @@ FRICTION, EXCESS = 0.4, 0.02  # N*m, m
 # amplitude (N*m), frequency (Hz) and phase (rad) of the sines of the torques
 PAN = {"train": ((2.0, 0.9, 0.0), (1.5, 0.37, 1.0)), "validate": ((2.5, 0.7, 0.5), (1.0, 1.3, 2.0))}
 TILT = {"train": ((2.0, 0.5, 0.0), (1.5, 1.2, 0.7)), "validate": ((1.6, 0.7, 1.2), (2.0, 0.3, 0.0))}
-ARM = """<mujoco>
-  <option timestep="{step}" integrator="RK4" gravity="0 0 -9.81"/>
-  <compiler angle="radian" inertiafromgeom="false"/>
-  <worldbody><body>
-    <joint name="pan" type="hinge" axis="0 0 1" damping="0.4"/>
-    <inertial pos="0 0 0.2" mass="5" fullinertia="0.08 0.08 0.05 0 0 0"/>
-    <body pos="0.1 0 0.4">
-      <joint name="tilt" type="hinge" axis="0 1 0" damping="0.2" frictionloss="{friction}" solreflimit="0.001 1"
-             solreffriction="0.001 1" solimpfriction="0.9999 0.99999 0.001"/>
-      <inertial pos="{centre} 0 0.02" mass="3" fullinertia="0.004 0.05 0.05 0 0 0"/>
-    </body>
-  </body></worldbody>
-</mujoco>"""
-
-
 def torque(sines: tuple[tuple[float, float, float], ...], t: float) -> float:
     """A sum of sines that begins smoothly."""
     return float((1 - np.exp(-(t/0.3)**2))*sum(a*np.sin(2*np.pi*f*t + phase) for a, f, phase in sines))
@@ -42,7 +28,12 @@ def torque(sines: tuple[tuple[float, float, float], ...], t: float) -> float:
 
 def record(use: str, friction: float, centre: float, seed: int) -> np.ndarray:
     """Time, both torques and both angles (n, 5)."""
-    model = mujoco.MjModel.from_xml_string(ARM.format(step=STEP, friction=friction, centre=centre))
+    model = mujoco.MjModel.from_xml_path(str(FOLDER.parent / "pan_tilt.urdf"))
+    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
+    tilt = model.joint("tilt").dofadr[0]
+    model.dof_frictionloss[tilt] = friction  # with constraints that are nearly rigid
+    model.dof_solref[tilt], model.dof_solimp[tilt, :3] = (0.001, 1), (0.9999, 0.99999, 0.001)
+    model.body("arm").ipos[0] = centre
     data = mujoco.MjData(model)
     data.qpos[:] = 0, np.pi/2
     rows, rng = [], np.random.default_rng(seed)

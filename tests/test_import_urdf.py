@@ -240,3 +240,18 @@ def test_meshes_of_a_robot_are_shown(tmp_path: Path) -> None:
         assert shown == ("0.001" in line) != any("mesh" in item.reason for item in imported.untranslated)
         if shown:
             assert any(solid.kind == "mesh" for solid in hb.animate(imported.path, "0.05 s").solids)
+
+
+@pytest.mark.long
+def test_a_hidden_friction_is_localised_in_the_imported_robot(tmp_path: Path) -> None:
+    """MuJoCo simulated the records from the same URDF file, with Coulomb friction of 0.4 N*m in the tilting joint."""
+    spatial = BENCH_ARM.parent
+    hb.import_model(spatial / "pan_tilt.urdf", tmp_path)
+    (tmp_path / "hanging.yaml").write_text("model: hanging\nextends: pan_tilt.yaml\ninitial: {tilt.phi: 90 deg}\n")
+    text = (spatial / "pan_tilt_friction.yaml").read_text(encoding="utf-8")
+    for old, new in (("model: pan_tilt.yaml", "model: hanging.yaml"), ("_oil.d", "_damper.d"),
+                     ("data/", f"{spatial}/data/")):
+        text = text.replace(old, new)
+    (tmp_path / "friction.yaml").write_text(text, encoding="utf-8")
+    found = hb.localize(tmp_path / "friction.yaml")
+    assert found.suspects[0].place.name == "housing_end-tilt_drive"
