@@ -187,10 +187,10 @@ def jumps_at(flat: Flat, inputs: Iterable[str]) -> dict[str, Jump]:
         if leaf is None:
             continue
         if name in leaf.component.signals:
-            others, orders = leaf.component.signals, {path: 0}
+            others, orders = [*leaf.component.signals], {path: 0}
             unit = flat.unknowns[flat.names[path]].unit if path in flat.names else None
         else:
-            domain, others = flat.domains.get(path), leaf.component.ports
+            domain, others = flat.domains.get(path), [*leaf.component.ports]
             if domain is None or len(domain.across) > 1:
                 continue
             orders = {f"{path}.{domain.across[0]}": len(domain.positions)}
