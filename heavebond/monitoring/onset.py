@@ -343,4 +343,4 @@ def likelihood_ratios(window: FilteredWindow, faults: Sequence[Fault], cases: Se
         linear = ((linear - moved)[:, None, :] @ step)[:, 0]
         information = step.transpose(0, 2, 1) @ information @ step
         information = (information + information.transpose(0, 2, 1)) / 2
-    return result
+    return np.where(np.isfinite(result), result, -np.inf)  # a case may be too ill-conditioned
