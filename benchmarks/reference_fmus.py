@@ -41,7 +41,7 @@ def build(checkout: Path, model: str, version: int, folder: Path) -> Path:
 def published(file: Path) -> dict[str, np.ndarray]:
     """The columns of numbers of a CSV file; the elements of an array `y` are the columns `y_1`, `y_2`, ..."""
     head, *rows = (line.split(",") for line in file.read_text().splitlines())
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for name, *texts in zip(head, *rows, strict=True):
         try:
             table = np.array([[float({"true": "1", "false": "0"}.get(part, part)) for part in text.split()]
