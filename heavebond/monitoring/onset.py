@@ -55,8 +55,9 @@ class OnsetConstants:
         Doubled: twice the time.
     coarse: samples at which the first comparison is evaluated. Origin: a fraction of the time of the rest. Doubled: twice
         the time.
-    before, after: samples of the window before and after the alarm, at most. Origin: some seconds of processor time.
-        Doubled: twice the time; an onset long before its alarm is found.
+    before: samples of the window before the alarm, at most. Origin: some seconds of processor time. Doubled: twice the time;
+        an onset long before its alarm is found.
+    after: samples of the window after the alarm, at most. Origin: as before. Doubled: twice the time.
     excess: half of the sum of squares of the innovations above its expected value, from the alarm on, at which the window
         ends. Origin: this is ample for the time of a fault, and farther samples add errors of the linearisation. Doubled:
         faults that are hard to distinguish are compared over a longer time.

@@ -192,10 +192,10 @@ def animate_mode(model: ModelOrFile, number: int, *, at: Time | None = None, siz
                  parameters: Mapping[str, float | str] | None = None) -> Motion:
     """Compute the positions of the shapes of a diagram in one of its modes: an animated mode shape.
 
-    `number` is the place of the mode in `modes(model, at=at)`, from 1. The shapes move linearly about the operating point,
-    without damping, over CYCLES periods; a mode that does not oscillate is shown over five time constants. `size` is the
-    largest displacement relative to the extent of the picture; no frame turns by more than about TURN. Raises the errors of
-    `modes` and `animate`, and UsageError for a number of no mode, or a mode of eigenvalue 0.
+    `number` is the place of the mode in `modes(model, at=at, parameters=parameters)`, from 1. The shapes move linearly about
+    the operating point, without damping, over CYCLES periods; a mode that does not oscillate is shown over five time
+    constants. `size` is the largest displacement relative to the extent of the picture; no frame turns by more than about
+    TURN. Raises the errors of `modes` and `animate`, and UsageError for a number of no mode, or a mode of eigenvalue 0.
     """
     diagram = loaded(model)
     operating = OperatingPoints(diagram.with_parameters(parameters) if parameters else diagram, at)
