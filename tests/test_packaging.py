@@ -20,6 +20,14 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(next(WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])))
 
 
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
+def test_no_other_folder_is_committed() -> None:
+    """A command that was called in the repository may have left its results there."""
+    files = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    assert {name.split("/")[0] for name in files if "/" in name} == {
+        ".ci", ".github", "benchmarks", "components", "docs", "heavebond", "models", "tests"}
+
+
 def test_nothing_lands_beside_the_package(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0] for name in names} == {"heavebond", wheel.name.split("-py3")[0] + ".dist-info"}
