@@ -175,6 +175,10 @@ def test_a_command_follows_the_sliders_and_takes_values_with_semicolons(tab: bro
     tab.click("#begin-command")  # without an output: the options stay open
     tab.wait("studio.evidence.jobs.state('command')?.state === 'failed' && document.querySelector('.command-options').open",
              60)
+    tab.wait("document.querySelector('#evidence .task .verdict') !== null")  # what is missing is said above the options
+    said, options = (tab.run(f"document.querySelector('#evidence {what}').getBoundingClientRect().y")
+                     for what in (".verdict", ".command-options"))
+    assert said < options
     assert tab.complaints == []
 
 

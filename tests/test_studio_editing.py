@@ -321,6 +321,14 @@ def test_wires_notes_and_the_clipboard_by_mouse_and_keyboard(tab: browser.Tab, s
     _settled(tab, "!studio.view.routed.length")
     tab.click("#add-note")
     _true(tab, "document.activeElement.id === 'note-text'")
+    assert tab.run("""(() => {
+        const a = document.querySelector("[data-note=note]").getBoundingClientRect();
+        const inside = (x, y) => x > a.x && x < a.right && y > a.y && y < a.bottom;
+        const parts = [...document.querySelectorAll("g.part")].map(part => part.getBoundingClientRect());
+        const wires = [...document.querySelectorAll("path.wire")].flatMap(wire => [...Array(500).keys()].map(k =>
+            wire.getPointAtLength(k / 500 * wire.getTotalLength()).matrixTransform(wire.getScreenCTM())));
+        return parts.some(b => a.x < b.right && b.x < a.right && a.y < b.bottom && b.y < a.bottom)
+            || wires.some(p => inside(p.x, p.y)); })()""") is False  # a new note lies on no part and no wire
     tab.write("not measured")
     tab.run("document.activeElement.blur()")
     _settled(tab, "studio.view.notes.note?.text === 'not measured'")

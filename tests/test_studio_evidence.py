@@ -20,7 +20,7 @@ from heavebond.cli import main
 from heavebond.core.errors import UsageError
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
-from heavebond.estimation.proposed_experiment import Chosen, Records, experiment_text, propose
+from heavebond.estimation.proposed_experiment import IN_THE_FORM, Chosen, Records, experiment_text, propose
 from heavebond.numerics.dae import assemble
 from heavebond.records.measurements import read_table
 from heavebond.studio import record_upload
@@ -190,6 +190,9 @@ def test_what_the_names_leave_open_follows_from_units_or_stays_open(rig: Path, t
     assert roles == {"t": ("time", "", "s", False), "S1 [mm]": ("", "", "mm", True), "S2 [mm]": ("", "", "mm", True),
                      "pull [kN]": ("output", "shaker.a.f", "kN", True), "S3": ("", "", "1", False)}
     assert any("remark" in remark for remark in found.remarks) and any("drives" in remark for remark in found.remarks)
+    shown = propose(read_table(table), assemble(hb.load(rig / "rig.yaml")), instructions=IN_THE_FORM).remarks
+    assert len(shown) == len(found.remarks) and not any("`inputs:`" in remark for remark in shown)
+    assert any("choose the role 'input'" in remark for remark in shown)
 
 
 def test_a_column_that_names_its_place_is_compared_there(rig: Path, tmp_path: Path) -> None:

@@ -85,6 +85,15 @@ def test_records_are_dropped_and_diagnosed_and_the_error_falls(tab: browser.Tab,
     assert _contents(folder) == before  # nothing is written unasked
     tab.wait("document.querySelector('#evidence figure img')?.naturalWidth > 100")  # the law over its variable
     assert "CoulombFriction between deck and load" in tab.run("document.querySelector('#evidence figcaption').textContent")
+    # the levels of the answer are indented as a tree: each name begins right of the one above it
+    begins = tab.run("""(() => {
+        const tree = [...document.querySelectorAll("#evidence table")].find(t => /by levels/.test(t.caption?.textContent));
+        return [...tree.querySelectorAll("tbody th")].slice(0, 3).map(th => {
+            const range = document.createRange(), text = th.firstChild;
+            range.setStart(text, text.data.search(/\\S/));
+            range.setEnd(text, text.length);
+            return range.getBoundingClientRect().x; }); })()""")
+    assert begins[0] < begins[1] < begins[2]
     rungs = tab.run("studio.evidence.jobs.state('diagnose').ladder")
     assert [r["name"] for r in rungs] == ["rig", "rig, parameters fitted", "+ CoulombFriction between deck and load"]
     tab.click("#add-0")

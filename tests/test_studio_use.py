@@ -62,6 +62,9 @@ def test_the_problems_of_a_failed_run_go_when_the_text_is_corrected(tab: browser
     _true(tab, "!studio.runs.busy && document.querySelector('#plots').innerText.includes('damper.a')", 60)
     tab.run("studio.editor.replace(studio.editor.text.replace('[spring.a, wheel.a', '[spring.a, damper.a, wheel.a')), 1")
     _true(tab, "document.querySelector('#plots').innerText.startsWith('Press Run')")
+    tab.run("studio.runs.setValue('damper.d', '1e30 N*s/m'), document.getElementById('sheet').focus(), 1")
+    tab.key("Enter", ctrl=True, code=13)
+    _true(tab, "!studio.runs.busy && document.querySelector('#plots').innerText.includes('damper.d = 1e30 N*s/m')", 60)
     assert tab.complaints == []
 
 
@@ -135,11 +138,12 @@ def test_the_tour_leads_through_all_steps_and_ends_at_any_time(tab: browser.Tab,
         # a step describes what is already visible: the open block, the tabs of the comparison
         assert k != 5 or tab.run("studio.view.opened") == ["ahc"]
         assert k != 7 or tab.run("Boolean(studio.evidence.told && document.querySelector('#evidence-bar [role=tab]'))")
+        assert tab.run("document.querySelector('.toured').checkVisibility()")
         titles.append(tab.run("document.getElementById('tour-title').textContent"))
         tab.wait(f"document.activeElement.id === '{'tour-end' if k == steps - 1 else 'tour-next'}'")
         tab.key("Enter", code=13, text="\r")
     tab.wait("document.querySelector('#tour').hidden && !document.querySelector('.toured')")
-    assert len(set(titles)) == steps and tab.run("studio.view.evidence")
+    assert len(set(titles)) == steps and tab.run("studio.document.name") == "bundled:cmc_ahc"
     tab.run("void studio.tour.begin()")
     tab.key("Escape", code=27)
     tab.wait("document.querySelector('#tour').hidden && studio.tour.at === -1")

@@ -90,9 +90,30 @@ class _Target:
     driving: bool = False
 
 
-def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), every: str = "") -> Proposal:
+@dataclass(frozen=True)
+class Instructions:
+    """How to add what was not recognised in a record: a column that drives the diagram, the column or value of an input
+    without a value, an output, the time between rows without times."""
+
+    drive: str
+    open_input: str
+    output: str
+    fixed_rate: str
+
+
+IN_THE_FILE = Instructions("give under `inputs:` the column of a measured input",
+                           "give its column under `inputs:`, or a value in the diagram",
+                           "give the measured quantities under `outputs:`", FIXED_RATE)
+IN_THE_FORM = Instructions("choose the role 'input' for the column of a measured input",
+                           "choose the role 'input' for its column, or give it a value in the diagram",
+                           "choose the role 'output' for the measured columns, with their variables",
+                           "Rows of a fixed rate: use no column as time and give the time between two rows.")
+
+
+def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), every: str = "", *,
+            instructions: Instructions = IN_THE_FILE) -> Proposal:
     """The probable role of the columns of a record for a diagram, in which the `open_inputs` have no value. If the rows have
-    equal steps of `every` (`10 ms`), no column is a time."""
+    equal steps of `every` (`10 ms`), no column is a time. Its remarks give the `instructions` for a file or a form."""
     time = None if every else _time_column(table)
     if time is not None:
         table = timed(table, TimeAxis(time))
@@ -114,22 +135,20 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), e
         if units[name] is None and (unread := table.unit_text(name)):
             remarks.append(f"'{unread}', the unit of '{name}', is not known. {unknown_unit(unread)}")
     if time is None and not every:
-        remarks.append(f"no column is a time, none increases from row to row. {FIXED_RATE}")
+        remarks.append(f"no column is a time, none increases from row to row. {instructions.fixed_rate}")
     elif time is not None and _counts_rows(table, time):
-        remarks.append(f"'{time}' counts the rows. {FIXED_RATE}")
+        remarks.append(f"'{time}' counts the rows. {instructions.fixed_rate}")
     if not inputs:
         remarks.append("no input of this diagram can be driven by a record: that needs a signal input that is given a value "
                        "and has no wire")
     elif not any(c.role == "input" for c in columns):
         able_inputs = listing([t.name for t in inputs], 3)
-        remarks.append("no column was recognised that drives the diagram: give under `inputs:` the column of a measured "
-                       "input "
-                       f"({able_inputs})")
+        remarks.append(f"no column was recognised that drives the diagram: {instructions.drive} ({able_inputs})")
     if undriven := [name for name in open_inputs if name not in [c.target for c in columns if c.role == "input"]]:
         remarks.append(f"{listing(undriven, 3)} {'has' if len(undriven) == 1 else 'have'} no value, and no column was "
-                       "recognised as one: give its column under `inputs:`, or a value in the diagram")
+                       "recognised as one: " + instructions.open_input)
     if not any(c.role == "output" for c in columns):
-        remarks.append("no column was recognised as an output: give the measured quantities under `outputs:`")
+        remarks.append("no column was recognised as an output: " + instructions.output)
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
                     {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
 

@@ -45,8 +45,10 @@ def _attribute(name: str, value: object) -> str:
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", numbers: Iterable[int] = (),
           marks: Sequence[str] = (), wide: bool = False) -> Html:
     """A table with column headings; the first cell of a row is its heading, the columns `numbers` are aligned to the
-    right, `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed."""
+    right, `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed. Spaces before a heading of a row
+    indent it, as in a tree."""
     right = set(numbers)
+    rows = [["\u00a0" * (len(row[0]) - len(row[0].lstrip(" "))) + row[0].lstrip(" "), *row[1:]] for row in rows]
     kind = ["n" if k in right else None for k in range(len(head))]
     heads = element("tr", *(element("th", text, scope="col", class_=kind[k]) for k, text in enumerate(head)))
     lines = [element("tr", *(element("td" if k else "th", text, class_=kind[k], scope=None if k else "row")

@@ -17,7 +17,7 @@ from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.comparison import Channel, Comparison, assemble_for, compare
 from heavebond.estimation.experiment import Experiment, experiment_from_source
-from heavebond.estimation.proposed_experiment import Chosen, Records, experiment_text, propose
+from heavebond.estimation.proposed_experiment import IN_THE_FORM, Chosen, Records, experiment_text, propose
 from heavebond.estimation.records import measure
 from heavebond.language.model import load
 from heavebond.numerics.dae import Array, Assembly, assemble
@@ -177,7 +177,7 @@ def _unit_of(assembly: Assembly, signal: str) -> str:
 def proposal(job: Job, file: str) -> tuple[Entry, None]:
     """The columns of a record with their likely meaning for the diagram of the page."""
     assembly = assemble(load(job.path))
-    proposed = propose(read_table(Path(file)), assembly)
+    proposed = propose(read_table(Path(file)), assembly, instructions=IN_THE_FORM)
     return {"columns": [asdict(c) for c in proposed.columns],
             "inputs": {k: list(v) for k, v in proposed.inputs.items()},
             "outputs": {k: list(v) for k, v in proposed.outputs.items()},

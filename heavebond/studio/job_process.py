@@ -105,6 +105,7 @@ def serve(pipe: Connection, kind: str, path: str, options: Mapping[str, Any]) ->
         os.setsid()  # the server handles Ctrl-C
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
+    os.environ["HEAVEBOND_PROGRESS"] = "0"  # a command prints no lines about its progress: they would be shown as warnings
     options = dict(options)
     native, fmus = bool(options.pop("allow_native", False)), bool(options.pop("allow_fmu", False))
     # the opened folder; without one, the folder for results

@@ -1,7 +1,7 @@
 // Edits of the drawing: each is a change of the text, so that undo and redo go over both alike.
 
 import { byId, el, message } from "./dom.js";
-import { GRID } from "./grid.js";
+import { GRID, freeText } from "./grid.js";
 
 const TOLD = 7000; // ms for which a reason is shown
 const STEP = 2; // steps of the grid that an arrow key moves
@@ -115,11 +115,12 @@ export class Edits {
     if (this.selected?.kind === "part") void this.act({ act: "turn", part: this.selected.path, mirror: Boolean(mirror) });
   }
 
-  /** A text on the drawing, near the middle of what is seen. */
+  /** A text on the drawing, near the middle of what is seen, beside parts and wires. */
   addNote() {
     const { diagram } = this.studio, box = byId("sheet").getBoundingClientRect();
-    const { x, y } = diagram.point({ clientX: box.left + box.width / 2, clientY: box.top + box.height / 4 });
-    void this.act({ act: "note", text: "Note", x: Math.round(x / GRID), y: Math.round(y / GRID) }).then((done) => {
+    const middle = diagram.point({ clientX: box.left + box.width / 2, clientY: box.top + box.height / 4 });
+    const { x, y } = freeText(diagram.svg, Math.round(middle.x / GRID), Math.round(middle.y / GRID));
+    void this.act({ act: "note", text: "Note", x, y }).then((done) => {
       const field = /** @type {HTMLTextAreaElement|null} */ (document.getElementById("note-text"));
       if (done) { field?.focus(); field?.select(); }
     });

@@ -164,13 +164,13 @@ export class Jobs {
     return (/** @type {HTMLElement} */ place) => {
       const running = Boolean(this.running);
       if (tab === "command" && job?.state === "failed") this.commands.closed = false; // the options are to be changed
+      const failures = [...(this.refused?.kind === tab || (tab === "diagnose" && this.refused?.kind === "try") ? problemList(this.refused.problems) : []), ...(job?.state === "failed" ? problemList(job.problems) : [])];
       place.append(el("div", { class: "task" }, el("h2", {}, what.title), el("p", { class: "said" }, what.words,
         tab === "command" ? null : el("span", { class: "hint" }, " On the command line: ", el("code", {}, `heavebond ${what.command} ${this.studio.document.name.replace(/^bundled:/, "")}`))),
-      ...(tab === "command" ? commandForm(this.studio, this.forms, this.commands, running, (given) => this.command(given)) : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
-      if (this.refused?.kind === tab || (tab === "diagnose" && this.refused?.kind === "try")) place.append(...problemList(this.refused.problems));
+      ...(tab === "command" ? [...failures, ...commandForm(this.studio, this.forms, this.commands, running, (given) => this.command(given))] : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
+      if (tab !== "command") place.append(...failures); // above the many options of a command
       if (!job) return;
       if (job.state === "running") place.append(this.progress(job));
-      if (job.state === "failed") place.append(...problemList(job.problems));
       if (job.state === "stopped") place.append(el("p", { class: "verdict" }, "Stopped before there was a result."));
       if (job.ladder.length) place.append(el("div", { id: "ladder" }, ...this.ladder(job)));
       if (job.result) this.result(place, job, extra);

@@ -7,6 +7,21 @@ import { isUnconnected, problemList } from "./results.js";
 
 const TICKS = 1000, LISTED = 40; // steps of a slider; signals of a search that are listed
 
+const ROUNDING = 1e-12; // share of the largest value of a signal below which a value is printed as 0
+
+/** @type {WeakMap<any, number>} */
+const LARGEST = new WeakMap();
+
+/** The largest absolute value of a series. @param {ArrayLike<number>} series */
+function largest(series) {
+  let most = LARGEST.get(series) ?? 0;
+  if (!LARGEST.has(series)) {
+    for (let k = 0; k < series.length; k++) most = Math.max(most, Math.abs(series[k]) || 0);
+    LARGEST.set(series, most);
+  }
+  return most;
+}
+
 /** A path that may go on in the next line behind each dot. @param {string} path */
 const breakable = (path) => path.split(/(?<=\.)/).flatMap((piece, k) => k ? [el("wbr"), piece] : [piece]);
 
@@ -245,7 +260,7 @@ export class Panel {
     if (run) for (let high = run.time.length - 1; k < high;) { const middle = (k + high + 1) >> 1; if (run.time[middle] <= time) k = middle; else high = middle - 1; }
     for (const place of /** @type {NodeListOf<HTMLElement>} */ (this.place.querySelectorAll(".worth-now"))) {
       const name = place.dataset.signal ?? "", series = run?.series.get(name) ?? run?.listed?.get(name), unit = run?.units[name] ?? "";
-      place.textContent = series ? `${number(series[k], 4)}${unit && unit !== "1" ? ` ${unitLabel(unit)}` : ""}` : "";
+      place.textContent = series ? `${number(Math.abs(series[k]) < ROUNDING * largest(series) ? 0 : series[k], 4)}${unit && unit !== "1" ? ` ${unitLabel(unit)}` : ""}` : "";
       place.title = series ? `at ${number(run.time[k])} s` : "";
     }
   }

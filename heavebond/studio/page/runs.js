@@ -176,7 +176,8 @@ export class Runs {
     } catch (error) {
       if (!here()) return false;
       this.studio.say("the run failed");
-      this.plots.empty(...problemList(problemsOf(error)));
+      const moved = Object.entries(values).map(([path, value]) => `${path} = ${value}`);
+      this.plots.empty(...problemList(problemsOf(error)), moved.length ? el("p", { class: "said" }, "This run has the values of sliders: ", el("code", {}, moved.join(", ")), ".") : "");
       this.failed = this.studio.editor.text;
       this.live = null;
       return false;

@@ -50,7 +50,7 @@ export class Tour {
       { title: "The play of the run", words: "▶ plays the run on the drawing: colours and widths of the wires show velocity and flow. Animation shows the machine in motion.", at: find("#player"), before: ready },
       { title: "Records and diagnosis", words: "An experiment compares a diagram with measured records. This one is of a rig with a part that the diagram lacks: Residual shows the difference, Locate finds its place, and Diagnose proposes the missing law.", at: find("#evidence-bar"),
         before: async () => { if (studio.document?.name !== RECORDS) await studio.open(RECORDS); await studio.evidence.compared; } },
-      { title: "The end", words: "Copy… writes a machine with all its files into your folder, where you can change it. The key ? lists all keys.", at: find("#go-home") },
+      { title: "The end", words: "Copy… writes a machine with all its files into your folder, where you can change it. The key ? lists all keys.", at: find("#copy"), before: async () => { if (studio.document?.name !== MACHINE) await studio.open(MACHINE); } },
     ];
   }
 
