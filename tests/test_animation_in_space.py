@@ -22,7 +22,7 @@ from heavebond.language.library import bundled
 from heavebond.pictures.animation import animation_page, packed
 from heavebond.pictures.film import COLOURS
 from heavebond.pictures.motion import Motion, animate, check_view
-from heavebond.pictures.projection import Camera, polygons
+from heavebond.pictures.projection import Camera, _grid, polygons
 from heavebond.pictures.space import Solid, cardan, product, resolved, rotated, to_axis
 from heavebond.text.expression import names
 
@@ -109,6 +109,15 @@ def test_without_a_view_the_parts_have_their_own_shapes() -> None:
     ball = _solid(motion, "load.ball").courses["size"]
     assert 7850*np.pi/6*ball[0, 0]**3 == pytest.approx(5.0)  # a ball of steel of 5 kg
     assert _solid(motion, "ground").courses["at"][2, 0] <= motion.edges[2]
+
+
+def test_the_ground_is_a_grid_of_whole_squares() -> None:
+    """Without a width it extends beyond the machine; 0.6/0.2 is below 3 by rounding."""
+    wide = _solid(animate(hb.loads(TURNTABLE.replace(", width: 6 m}", "}")), "0.1 s"), "floor").courses["size"][0, 0]
+    assert 4.0 < wide < 8.0  # the farthest shape is at about 2.2 m
+    for width, edge in ((1.2, 0.6), (1.3, 0.6), (1.0, 0.5)):
+        lines = np.concatenate([piece.corners for piece in _grid(np.zeros(3), width)])
+        np.testing.assert_allclose([lines.min(axis=0), lines.max(axis=0)], [[-edge, -edge, 0], [edge, edge, 0]], atol=1e-12)
 
 
 def test_a_body_is_a_box_with_its_moments_of_inertia() -> None:

@@ -188,7 +188,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert "cannot find the mesh 'package://bench_arm/hand.stl'" in run.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench_arm.yaml"]
     text = (tmp_path / "bench_arm.yaml").read_text(encoding="utf-8")
-    for shape in ("column_2: {is: disc, at: [column, 0.03 m, 0.03 m, 0.2 m], diameter: 0.12 m, width: 0.1 m, "
+    for shape in ("ground: {is: ground, at: base}",
+                  "column_2: {is: disc, at: [column, 0.03 m, 0.03 m, 0.2 m], diameter: 0.12 m, width: 0.1 m, "
                   "axis: [0, -1, 0]}",
                   "hand: {is: box, at: [hand, 0 m, 0 m, 0.05 m], size: [0.05 m, 0.1 m, 0.1 m]}"):
         assert f"  {shape}\n" in text

@@ -343,6 +343,17 @@ def test_a_short_crested_sea_has_the_spectrum_of_its_directions() -> None:
         assert part_of == pytest.approx(np.trapezoid(expected*there, omega)/np.trapezoid(expected, omega), rel=0.1)
 
 
+def test_tables_must_contain_the_waves() -> None:
+    """A heading outside the table is refused. Waves of 3 s are shorter than those of the table; 98 % of a Pierson-Moskowitz
+    spectrum of 9 s is in 0.3 to 1.85 rad/s: 1.25 (2 pi/(9*1.85))**4 = 0.0254."""
+    with pytest.raises(ModelError, match="heading <= beta"):
+        hb.assemble(hb.loads(VESSEL.replace("heading: 30 deg", "heading: 100 deg")))
+    covered = VESSEL.replace("1.2 rad/s]", "1.85 rad/s]").replace("until: 60 s", "until: 1 s")
+    assert run(covered)["ship.K"][-1] == pytest.approx(np.exp(-0.0254), rel=1e-3) and not run(covered).verdict.findings
+    with pytest.warns(match="ship.K.*add frequencies to omega"):
+        run(covered.replace("T_p: 9 s", "T_p: 3 s"))
+
+
 def test_the_table_of_a_short_crested_sea_goes_round() -> None:
     with pytest.raises(ModelError, match="beta"):
         hb.assemble(hb.loads(SPREAD.replace("[0 deg, 360 deg]", "[0 deg, 180 deg]")))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
+from itertools import chain
 from math import inf, isfinite, isinf
 
 import casadi as ca
@@ -29,6 +30,7 @@ from heavebond.text.shapes import Lengths, gives_lists
 
 Array = NDArray[np.float64]
 Origin = Callable[[str], float | None]  # see `TemperatureOrigins.of_name`
+MOST_ELEMENTS = 8  # of a list in a message
 ROUNDED = 1e-12  # of a value or of its bound: a few rounding errors
 MODULATED = "A store whose constant changes takes or gives power: take one with a port for that power, such as an\n" \
     "MCField or an MIField, or write a component with its own `stores:`."
@@ -378,16 +380,23 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
             if truth:
                 continue
             used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in template.parameters))
-            notes = []
-            for name, number in zip(used, parameters.values([f"{path}.{n}" for n in used]), strict=True):
+            lists: dict[str, list[str]] = {}
+            for name in leaf.component.parameters:
+                if "[" in name and re.search(rf"\b{(base := name.partition('[')[0])}\b", formula.text):
+                    lists.setdefault(base, []).append(name)
+            texts = {}
+            for name, number in zip(every := [*used, *chain(*lists.values())],
+                                    parameters.values([f"{path}.{n}" for n in every]), strict=True):
                 setting = new.get(f"{path}.{name}", leaf.parameters[name].value)
-                declaration = leaf.component.parameters[name]
-                text = setting.text.lstrip("= ") if isinstance(setting, Value) else ""
+                texts[name] = setting.text.lstrip("= ") if isinstance(setting, Value) else ""
                 if not (isinstance(setting, Value) and isinstance(setting.expr, Number) and not setting.si):
-                    text = f"{number:g} {parameters.units[f'{path}.{name}'].text}"
-                notes.append(f"{name} = {text}" + (f"   ({declaration.doc})" if declaration.doc else ""))
-            lists = {n.partition("[")[0]: declared.doc for n, declared in leaf.component.parameters.items() if "[" in n}
-            notes += [f"{n}: {doc}" for n, doc in lists.items() if doc and re.search(rf"\b{n}\[", formula.text)]
+                    texts[name] = f"{number:g} {parameters.units[f'{path}.{name}'].text}"
+            values = {n: (texts[n], leaf.component.parameters[n].doc) for n in used}
+            for base, elements in lists.items():
+                shown = ", ".join([texts[n] for n in elements[:MOST_ELEMENTS]] + ["..."] * (len(elements) > MOST_ELEMENTS))
+                values[base] = f"[{shown}]", leaf.component.parameters[elements[0]].doc
+            notes = [f"{n} = {text}" + (f"   ({doc})" if doc else "") for n, (text, doc) in values.items()
+                     if n.partition("[")[0] not in lists or n in lists]
             problems.add("requirement", f"'{path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
                          notes=notes, hint="Change one of these values.")
     problems.raise_as(ModelError)

@@ -371,7 +371,16 @@ class _Loops:
             said = f"does not close: in the closest position found, its ends at {closure.key[0]} are {apart} apart"
         axes = self._axes(k, c)
         axis = next(iter(axes.values()), np.zeros(3))
-        advice = "Check the lengths of its links, the axes of its joints and the fixed points."
+        fixed = [part for part in self.tree.loops[closure.key]
+                 if any(not frame.a and frame.turn is not None and frame.shift is not None
+                        for frame in self.flat.expanded.leaves[part].component.frames)]
+        ends = " and ".join(fixed)
+        if len(fixed) > 1 and not axes:
+            advice = f"{ends} are fixed: remove one of them, or change their places and angles such that the loop closes."
+        elif len(fixed) > 1:
+            advice = f"Check the lengths of its links, the axes of its joints and the places of {ends}, which are fixed."
+        else:
+            advice = "Check the lengths of its links and the axes of its joints."
         if odd := self._odd(k, c):
             others = [a for a in axes if a != odd]
             angle = np.degrees(np.arcsin(min(1.0, float(np.linalg.norm(np.cross(axes[odd], axes[others[0]]))))))
@@ -383,7 +392,7 @@ class _Loops:
                 "apart: the lengths along the axes must add up to zero." if apart_along > 0.5*gap else \
                 "All axes of its joints are parallel. Across the axes, the lengths of its links do not allow a closed loop."
         leaf = self.flat.expanded.leaves[odd or closure.key[0]]
-        if redundant:
+        if redundant and axes:
             advice += "\nOr replace a joint by a SphericalJoint or a CylindricalJoint, so that each motion is " \
                 "constrained once."
         return Problem("loop-open", f"the loop {listing(joints, 12)} {said}{redundant}", leaf.place, advice)

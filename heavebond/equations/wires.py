@@ -148,13 +148,13 @@ class Wires:
             return None
         return PortEnd(prefix + head, port, 1, end.place)
 
-    def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
-        """Check that an input has a value or is on a node."""
+    def _input(self, part: str, signal: SignalPort, place: Place, driven: bool, length: int = 0) -> None:
+        """Check that an input, or an element of one with `length` elements, has a value or is on a node."""
         if signal.direction == "in" and not driven:
             unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
+            name, value = signal.name.partition("[")[0], f"[{', '.join([f'0{unit}'] * length)}]" if length else f"0{unit}"
             self.problems.add("input-unconnected", f"input '{part}.{signal.name}' has no value", place,
-                              hint="Join it to an output on a node, or give it in place: "
-                              f"`{signal.name}: 0{unit}`.")
+                              hint=f"Join it to an output on a node, or give it in place: `{name}: {value}`.")
 
     def arrays(self) -> None:
         """Check that every element of an array of ports is on a node, and no other. A node of whole arrays is one node for
@@ -168,9 +168,16 @@ class Wires:
                 continue
             self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
             whole = {name.partition("[")[0] for name in vectors}
-            for name, signal in vectors.items():
-                misspelt = f"{path}.{name.partition('[')[0]}" in self.meant
-                self._input(path, signal, leaf.place, misspelt or name in leaf.inputs or f"{path}.{name}" in joined)
+            for base in dict.fromkeys(name.partition("[")[0] for name in vectors):
+                elements = [name for name in vectors if name.partition("[")[0] == base]
+                open_elements = [name for name in elements if name not in leaf.inputs and f"{path}.{name}" not in joined]
+                if f"{path}.{base}" in self.meant:
+                    continue
+                if len(open_elements) == len(elements):  # one message for the whole list
+                    self._input(path, replace(vectors[elements[0]], name=base), leaf.place, False, len(elements))
+                    continue
+                for name in open_elements:
+                    self._input(path, vectors[name], leaf.place, False, len(elements))
             for end in joined.values():
                 if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
                     self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "

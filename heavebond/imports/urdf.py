@@ -555,7 +555,9 @@ class _Writer:
         return "\n".join([*lines, "simulate: {until: 1 s, every: 5 ms}"]) + "\n"
 
     def view(self) -> Iterator[tuple[str, str]]:
-        """The shapes of all links, by their names."""
+        """The ground at the root link and the shapes of all links, by their names."""
+        if any(link.shapes for link in self.robot.links.values()):
+            yield self.name("ground"), mapping([("is", "ground"), ("at", self.node_of[self.robot.root])])
         for link in self.robot.links.values():
             node = self.node_of[link.name]
             for k, shape in enumerate(link.shapes, 1):

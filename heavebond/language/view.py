@@ -32,7 +32,7 @@ SPATIAL_KINDS: Kinds = {
     "line": (ENDS, (), "dark"), "spring": (ENDS, ("width",), "dark"), "damper": (ENDS, ("width", "length"), "dark"),
     "cylinder": (ENDS, ("width", "length"), "oil"), "mesh": (("at", "file"), ("unit", "turned"), "grey"),
     "arrow": (("at", "vector"), ("scale",), "red"), "trace": (("at",), ("duration",), "blue"),
-    "ground": (("at", "width"), (), "rock"), "level": (("at",), (), "sea"),
+    "ground": (("at",), ("width",), "rock"), "level": (("at",), (), "sea"),
     "camera": ((), ("azimuth", "elevation"), "grey")}
 ALL_KINDS = tuple(dict.fromkeys((*KINDS, *SPATIAL_KINDS)))
 INSTEAD = {"circle": "`disc` or `sphere`", "mark": "`level`"}  # shapes in space in place of shapes in a plane

@@ -20,9 +20,11 @@ from heavebond.numerics.mechanism_messages import dead_centre, redundant_loop
 from heavebond.numerics.newton import weights
 from heavebond.numerics.pointwise import missing
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartRow, StartSystem
+from heavebond.text.expression import constant
 
 AT = "at the start"
 MOST_NAMED = 6
+UNIT_LENGTH = 1e-3  # error of a unit quaternion that is rounded to three digits
 
 # what brings a state to rest, by its unit
 BALANCES = {"m": "a Fixed, a Spring", "m/s": "a Fixed, a Spring, a Damper", "rad": "a FixedShaft, a TorsionSpring",
@@ -46,7 +48,7 @@ def lost(assembly: Assembly, point: Point) -> list[Problem]:
 
 def failure(equations: StartEquations, point: Point, residual: Array, system: StartSystem, sizes: Array) -> StartError:
     """The error for a search that ended at `point` with scaled residuals that are not zero."""
-    if problems := lost(equations.assembly, point):
+    if problems := _quaternions(equations) or lost(equations.assembly, point):
         return StartError(problems)
     rows = system.rows
     order = np.argsort(-np.where(np.isfinite(residual), np.abs(residual), np.inf))[:5]
@@ -79,6 +81,29 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
     return StartError([Problem("start-failed", "no consistent initial values were found", place,
                                "Give guesses for the variables in these equations, for example "
                                f"`initial: {{{_example(equations.assembly)}}}`.", tuple(notes))])
+
+
+def _quaternions(equations: StartEquations) -> list[Problem]:
+    """The required orientations that are no unit quaternion."""
+    assembly, problems = equations.assembly, list[Problem]()
+    conditions = {c.name: c for c in equations.initial.conditions.values() if not c.guess}
+    for domain in assembly.model.library.domains.values():
+        for frame in dict.fromkeys(name.rpartition(".")[0] for name in conditions if domain.orientation):
+            members = [f"{frame}.{member}" for member in domain.orientation]
+            required = [c for name in members if (c := conditions.get(name)) is not None]
+            if not required or any(name not in assembly.flat.names for name in members):
+                continue
+            values = [constant(c.value.expr) for c in required]
+            length = float(np.linalg.norm([v for v in values if v is not None]))
+            if None in values or (length < 1 + UNIT_LENGTH and (len(required) < 4 or length > 1 - UNIT_LENGTH)):
+                continue
+            hint = "Remove them. To set an orientation, add a SpatialSensor to the node and give its angles, for example " \
+                "`attitude.pitch: 20 deg`."
+            problems.append(Problem(
+                "start-quaternion", f"{listing(c.name for c in required)}: the length of the quaternion is "
+                f"{'' if len(required) == len(members) else 'at least '}{length:.4g} in place of 1", required[0].place,
+                hint))
+    return problems
 
 
 def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> tuple[str, Place | None]:
@@ -371,6 +396,11 @@ def check_values(assembly: Assembly, point: Point) -> None:
     if any(q.derived and v == 0 for v, q in zip(pivots, assembly.reduced.pivots, strict=True)) and \
             (problems := lost(assembly, point)):
         raise StartError(problems)
+    for u, value in zip(unknowns, first, strict=False):
+        if u.plausible.beyond and value < u.low:
+            leaf, advice = assembly.flat.expanded.leaves[u.name.rpartition(".")[0]], u.plausible.beyond
+            raise StartError([Problem("value-not-finite", f"{u.name} ({u.doc}) is {readable(value, u.unit.text, 4)} {AT}",
+                                      leaf.place, f"{advice[0].upper()}{advice[1:]}.")])
     names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]

@@ -236,9 +236,10 @@ def _bar(kind: str, c: dict[str, Array]) -> list[Piece]:
 
 def _grid(at: Array, width: float) -> list[Piece]:
     cell = cell_size(width)
-    half = width / 2
+    most = int(width / 2 / cell * (1 + 1e-9))  # 0.6/0.2 is below 3 by rounding
+    half = most * cell
     lines = []
-    for k in range(-int(half / cell), int(half / cell) + 1):
+    for k in range(-most, most + 1):
         for axis in (0, 1):
             ends = np.repeat([at], 2, axis=0)
             ends[:, axis] += k * cell

@@ -203,6 +203,10 @@ def scene(view: Mapping[str, ViewShape], courses: Mapping[str, Array], n: int, a
             height = solid.courses["at"][0]
             solid.courses.update(at=np.array([np.full(n, middle[0]), np.full(n, middle[1]), height]),
                                  size=np.array([np.full(n, SEA * reach), np.full(n, SEA * reach), np.zeros(n)]))
+        if solid.kind == "ground" and "width" not in placed[solid.name]:
+            at = solid.courses["at"].mean(axis=1)
+            width = BEYOND * 2 * float(np.max(np.abs([low - at, high - at])[:, :2]))
+            solid.courses["size"] = np.repeat([[width], [width], [0.0]], n, axis=1)
     if ground:
         at = np.repeat([[middle[0]], [middle[1]], [low[2]]], n, axis=1)
         size = np.repeat([[BEYOND * reach], [BEYOND * reach], [0.0]], n, axis=1)
@@ -233,7 +237,8 @@ def _completed(kind: str, course: dict[str, Array], extent: float, n: int) -> di
     if kind == "trace":
         return {"at": course["at"], "duration": course.get("duration", np.full((1, n), 0.0))}
     if kind == "ground":
-        return {"at": course["at"], "size": np.array([course["width"][0], course["width"][0], np.zeros(n)])}
+        width = course["width"][0] if "width" in course else np.zeros(n)  # without a width that of the machine, see `scene`
+        return {"at": course["at"], "size": np.array([width, width, np.zeros(n)])}
     if kind == "level":
         return {"at": course["at"]}
     turn = course["turn"]

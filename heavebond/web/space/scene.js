@@ -136,8 +136,8 @@
         mesh("body", new THREE.PlaneGeometry(1, 1), face, { transparent: true, opacity: 0.45, side: THREE.DoubleSide, depthWrite: false });
       } else if (solid.kind === "ground") {
         const width = this.follow(solid.courses.size[0], 0, 0, film), ten = 10 ** Math.floor(Math.log10(width / 10));
-        const cell = ten * ([1, 2, 5].find(n => width / (n * ten) <= 10) ?? 10), half = width / 2, lines = [];
-        for (let k = -Math.floor(half / cell); k <= half / cell; k++) lines.push(k * cell, -half, 0, k * cell, half, 0, -half, k * cell, 0, half, k * cell, 0);
+        const cell = ten * ([1, 2, 5].find(n => width / (n * ten) <= 10) ?? 10), most = Math.floor(width / 2 / cell * (1 + 1e-9)), half = most * cell, lines = [];
+        for (let k = -most; k <= most; k++) lines.push(k * cell, -half, 0, k * cell, half, 0, -half, k * cell, 0, half, k * cell, 0);
         if (!this.rule) this.rule = this.place.appendChild(element("div", { class: "rule" }, `squares of ${+cell.toPrecision(3)} m`));
         const grid = new THREE.BufferGeometry();
         grid.setAttribute("position", new THREE.BufferAttribute(new Float32Array(lines), 3));
