@@ -398,9 +398,9 @@ def check_values(assembly: Assembly, point: Point) -> None:
         raise StartError(problems)
     for u, value in zip(unknowns, first, strict=False):
         if u.plausible.beyond and value < u.low:
-            leaf, advice = assembly.flat.expanded.leaves[u.name.rpartition(".")[0]], u.plausible.beyond
+            leaf, advice = assembly.flat.expanded.leaves.get(u.name.rpartition(".")[0]), u.plausible.beyond
             raise StartError([Problem("value-not-finite", f"{u.name} ({u.doc}) is {readable(value, u.unit.text, 4)} {AT}",
-                                      leaf.place, f"{advice[0].upper()}{advice[1:]}.")])
+                                      leaf.place if leaf else u.place, f"{advice[0].upper()}{advice[1:]}.")])
     names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]
