@@ -183,7 +183,7 @@ def test_other_files_are_refused_with_the_remedy(name: str, remedy: str) -> None
 
 
 def test_the_command(tmp_path: Path) -> None:
-    run = CliRunner().invoke(main, ["import", str(BENCH_ARM), "-o", str(tmp_path)])
+    run = CliRunner().invoke(main, ["import", "spatial/bench_arm.urdf", "-o", str(tmp_path)])  # a bundled robot
     assert run.exit_code == 0 and "next: heavebond check" in run.output
     assert "cannot find the mesh 'package://bench_arm/hand.stl'" in run.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench_arm.yaml"]

@@ -210,6 +210,17 @@ def crane(folder: Path) -> Path:
     return save_animation(animate(hb.load("mechanisms/crane"), "15 s"), folder / "crane.gif", speed=3)
 
 
+def imported_robot(folder: Path) -> Path:
+    """The robot from URDF of the page on mechanisms in space."""
+    page = (Path(__file__).parent.parent / "spatial.md").read_text("utf-8")
+    found = re.search(r"<!-- file: reach\.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
+    assert found is not None
+    with tempfile.TemporaryDirectory() as temporary:
+        hb.import_model("spatial/bench_arm.urdf", Path(temporary) / "bench_arm")
+        (Path(temporary) / "reach.yaml").write_text(found.group(1), "utf-8")
+        return save_animation(animate(hb.load(Path(temporary) / "reach.yaml"), "2 s"), folder / "bench_arm.png", at="2 s")
+
+
 def in_space(folder: Path, points: int | None = None) -> list[Path]:
     """The robot arm in motion, the platform on its cylinders, the crane after its landing (or after `points` s), and the
     crane on a barge with its load lifted."""
@@ -336,6 +347,7 @@ DRAWN = (
     mechanism,
     crane,
     in_space,
+    imported_robot,
     swept,
     sea,
     detailed,

@@ -12,6 +12,7 @@ from heavebond.core.presentation import brief, count
 from heavebond.import_20sim.importer import Untranslated, import_20sim
 from heavebond.imports.mesh import import_mesh
 from heavebond.imports.urdf import import_urdf
+from heavebond.language.library import bundled
 from heavebond.language.view import MESHES
 
 WANTED = "Name a 20-sim model (.emx), the description of a robot (.urdf) or a mesh (.stl, .obj, .glb, .gltf)."
@@ -44,12 +45,13 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
                  ) -> ImportedModel:
     """Translate a 20-sim model (.emx), a robot (.urdf) or a mesh (.stl, .obj, .glb, .gltf) into a diagram.
 
-    A mesh becomes a body with the mass and the inertia of its closed surface. A 20-sim model has component files, too. The
-    files are written into a `folder`, by default one that is named after the model. `file` is the path of the model;
-    nothing in it is executed. Three arguments are for 20-sim models: `functions` are C sources that replace functions of
-    compiled libraries, by the name of the function; `global_files` are other .emx files with global parameters of the
-    model; `libraries` are .emx files, or folders of them, with implementations that the model does not contain. With
-    `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)` reads the diagram.
+    A mesh becomes a body with the mass and the inertia of its closed surface. A 20-sim model has component files, too.
+    The files are written into a `folder`, by default one that is named after the model. `file` is the path of the model
+    or of a bundled one; nothing in it is executed. Three arguments are for 20-sim models: `functions` are C sources
+    that replace functions of compiled libraries, by the name of the function; `global_files` are other .emx files with
+    global parameters of the model; `libraries` are .emx files, or folders of them, with implementations that the model
+    does not contain. With `strict`, a submodel without a law is an error and nothing is written.
+    `hb.load(imported.path)` reads the diagram.
     Raises UsageError for another kind of file, ModelError for one that cannot be read.
     """
     file, global_files, libraries = Path(file), list(global_files), list(libraries)
@@ -57,6 +59,8 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
     if suffix not in (".emx", ".urdf", *MESHES):
         raise UsageError([Problem("import-suffix", f"'{file}' is not a model that can be imported", None,
                                   CONVERT.get(suffix, WANTED).format(file.name, file.name.partition(".")[0]))])
+    if not file.is_file() and (inside := bundled("models") / file).is_file():
+        file = inside
     if not file.is_file():
         near = sorted(p.name for p in file.parent.glob(f"*{file.suffix}")) if file.parent.is_dir() else []
         raise UsageError([Problem("file", f"cannot find the file '{file}'", None, suggest(file.name, near) or
