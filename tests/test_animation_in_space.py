@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -340,7 +341,9 @@ def test_the_command_animates_a_mode(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, [*command, "12", "-o", str(tmp_path / "mode.html")])
     assert result.exit_code == 2 and "the diagram has" in result.output
     assert CliRunner().invoke(main, [*command, "7", "-o", str(tmp_path / "mode.html")]).exit_code == 0
-    assert "Hz, damping ratio" in (tmp_path / "mode.html").read_text(encoding="utf-8")
+    page = (tmp_path / "mode.html").read_text(encoding="utf-8")
+    assert "Hz, damping ratio" in page
+    assert all(len(speed) <= 6 for speed in re.findall(r">([0-9.]+) ×<", page))  # three digits, as 0.0414
     both = CliRunner().invoke(main, [*command, "7", "--until", "1 s"])
     assert both.exit_code == 2 and "--until acts on a run" in both.output
 

@@ -25,7 +25,7 @@ def animation_page(motion: Motion, speed: float = 1.0) -> str:
     time.
     """
     speeds = sorted({*SPEEDS, speed})
-    options = [element("option", "real time" if s == 1 else f"{number(s)} ×", value=f"{s:g}",
+    options = [element("option", "real time" if s == 1 else f"{number(s, 3)} ×", value=f"{s:g}",
                        selected=True if s == speed else None) for s in speeds]
     controls = element(
         "div", element("button", "Play", id="play", type="button"),
