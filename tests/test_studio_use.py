@@ -82,6 +82,9 @@ def test_a_warning_of_a_run_stands_above_its_charts_and_pressures_are_in_bar(tab
     assert tab.run("studio.runs.plots.charts.map(c => c.axes[1].label)") == ["bar"]
     lowest = tab.run("Math.min(...studio.runs.live.series.get('suction.p'))")
     assert abs(tab.run("Math.min(...studio.runs.plots.charts[0].data[1])") - lowest / 1e5) < 1e-9 * abs(lowest)
+    tab.run("(() => { const find = document.getElementById('find-signal'); find.value = 'block pressure'; "
+            "find.dispatchEvent(new Event('input')); })()")
+    tab.wait("[...document.querySelectorAll('.worth-now')].some(value => value.textContent === '20 bar')")  # as on the chart
     assert tab.complaints == []
 
 

@@ -259,8 +259,9 @@ export class Panel {
     let k = 0;
     if (run) for (let high = run.time.length - 1; k < high;) { const middle = (k + high + 1) >> 1; if (run.time[middle] <= time) k = middle; else high = middle - 1; }
     for (const place of /** @type {NodeListOf<HTMLElement>} */ (this.place.querySelectorAll(".worth-now"))) {
-      const name = place.dataset.signal ?? "", series = run?.series.get(name) ?? run?.listed?.get(name), unit = run?.units[name] ?? "";
-      place.textContent = series ? `${number(Math.abs(series[k]) < ROUNDING * largest(series) ? 0 : series[k], 4)}${unit && unit !== "1" ? ` ${unitLabel(unit)}` : ""}` : "";
+      const name = place.dataset.signal ?? "", series = run?.series.get(name) ?? run?.listed?.get(name), base = run?.units[name] ?? "", size = series ? largest(series) : 0;
+      const [, unit, scale] = (run?.readable[base] ?? []).find((/** @type {any[]} */ [smallest]) => size && size >= smallest) ?? [0, base, 1]; // as on the charts
+      place.textContent = series ? `${number(Math.abs(series[k]) < ROUNDING * size ? 0 : series[k] / scale, 4)}${unit && unit !== "1" ? ` ${unitLabel(unit)}` : ""}` : "";
       place.title = series ? `at ${number(run.time[k])} s` : "";
     }
   }

@@ -356,6 +356,7 @@ export class Runs {
       const [, ...columns] = told.series ?? [];
       for (const n of told.kind === "done" ? [] : missing) run.listed.delete(n);
       told.signals?.forEach((/** @type {string} */ n, /** @type {number} */ k) => { run.listed.set(n, columns[k]); run.units[n] ??= told.units[n]; });
+      for (const [unit, steps] of Object.entries(told.readable ?? {})) run.readable[unit] ??= steps;
     } catch {
       // a signal that the run does not have is listed without a value
     }
