@@ -201,7 +201,7 @@ def test_mistakes_with_matrices(folder: Path, old: str, new: str, code: str, sai
     ("places: [plate.y, mix.u]", "places: [\"plate.y[1]\", mix.u]", "array-length", "an array of 2, 'plate.y[1]' is one"),
     ("places: [plate.y, mix.u]", "places: [\"plate.y[1..3]\", mix.u]", "array-length", "an array of 3"),
     ("places: [plate.y, mix.u]", "places: [\"plate.y[2..3]\", mix.u]", "port-index", "'y[3]' is none of these"),
-    ("forces: [mix.y, plate.u]", "forces: [mix.y]", "input-unconnected", "input 'plate.u[1]' has no value"),
+    ("forces: [mix.y, plate.u]", "forces: [mix.y]", "input-unconnected", "input 'plate.u' has no value"),
     ("forces: [mix.y, plate.u]", "forces: [mix.y, plate.u, plate.y]", "port-on-two-nodes", "'plate.y' is on two nodes"),
     ("is: plate.X, unit: m", "is: 2*plate.X, unit: m", "list-number", "this is a matrix of 2 x 3"),
     ("[1 N/m, 0.5 N/m], [0 N/m, -1 N/m]]", "[1 N/m, 0.5 N/m]]", "array-length", "an array of 1"),

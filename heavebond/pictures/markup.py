@@ -48,7 +48,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
     right, `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed. Spaces before a heading of a row
     indent it, as in a tree."""
     right = set(numbers)
-    rows = [["\u00a0" * (len(row[0]) - len(row[0].lstrip(" "))) + row[0].lstrip(" "), *row[1:]] for row in rows]
+    rows = [["\u00a0" * (len(row[0]) - len(row[0].lstrip(" "))) + row[0].lstrip(" ") if row[0].startswith(" ") else row[0],
+             *row[1:]] for row in rows]
     kind = ["n" if k in right else None for k in range(len(head))]
     heads = element("tr", *(element("th", text, scope="col", class_=kind[k]) for k, text in enumerate(head)))
     lines = [element("tr", *(element("td" if k else "th", text, class_=kind[k], scope=None if k else "row")
