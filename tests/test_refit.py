@@ -154,7 +154,7 @@ def test_an_effect_that_only_the_fitted_samples_show_is_named_by_their_cross_val
     assert not is_noticeable(step, rival)
     finding: Any = SimpleNamespace(alternatives=step.cluster)
     (words,) = _not_held_out(finding, step)
-    assert words.startswith("Held-out data do not show the effect") and "(2.15 to 0.94" in words  # to the errors of runs
+    assert words.startswith("Held-out data do not show the effect") and "(2.15 to 0.947)" in words
     there: Any = SimpleNamespace(shown_held_out=True)
     assert _not_held_out(finding, there) == []
 
