@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from heavebond.core import facade
 from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
-from heavebond.core.presentation import brief, converted, count, number, readable_unit
+from heavebond.core.presentation import brief, converted, count, readable_unit
 from heavebond.core.presentation import number as number_text
 from heavebond.core.units import ONE, Dimension, declared_unit, times
 from heavebond.language.definition import ViewShape
@@ -111,8 +111,8 @@ class Motion(facade.Displayed):
 
     def __repr__(self) -> str:
         names_shown = [*(shape.name for shape in self.shapes), *(solid.name for solid in self.solids)]
-        return brief(self, self.title, f"{count(len(self.time), 'frame')} from {number(float(self.time[0]))} to "
-                     f"{number(float(self.time[-1]))} s", f"shapes {listing(names_shown, 8)}")
+        return brief(self, self.title, f"{count(len(self.time), 'frame')} from {number_text(float(self.time[0]))} to "
+                     f"{number_text(float(self.time[-1]))} s", f"shapes {listing(names_shown, 8)}")
 
 
 def _rectangle(x: tuple[float, float], b: tuple[float, float] = (0, 0), w: float = 0.5) -> tuple[Corner, ...]:

@@ -104,8 +104,15 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
         model = sourced.about(at, [known_of(free, start[name]) for name, free in experiment.free.items()])
     n = model.phi.shape[1]
     response = np.clip(np.nan_to_num(_responses(model, np.eye(n), np.zeros(len(model.time), np.int64))), -LARGE, LARGE)
+    return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, _carried(model, response))
+
+
+def _carried(model: LtvModel, response: Array) -> Array:
+    """The carried directions (n, d) at the beginning of a record, from the `response` (N, m, n) of its channels to each
+    state there."""
+    n = response.shape[2]
     if not n:  # a machine without states
-        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, np.eye(0))
+        return np.eye(0)
     place, channel = np.nonzero(model.used)
     flat = response[place, channel]
     size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1 / LARGE))
@@ -116,7 +123,7 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
         through = np.clip(np.nan_to_num(step[:, :n] @ through), -LARGE, LARGE)
     lasting = seen @ _lasting(seen.T @ (size[:, None] * through / size) @ seen)
     if not lasting.shape[1]:
-        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, lasting)
+        return np.asarray(lasting)
     whole = flat / size @ lasting
     last = slice(2 * len(flat) // 3, None)
     courses, shares, within = np.linalg.svd(whole[last], full_matrices=False)
@@ -124,8 +131,7 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
     slow = within[visible].T / shares[visible]  # of the unit influences `courses`
     growing = 1 / np.maximum(((whole @ slow)**2).sum(axis=0), 1.0) >= GROWING
     slow = slow @ _trends(courses[:, visible], model.time[place[last]], channel[last], growing)
-    carried = lasting @ slow / size[:, None]
-    return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, carried)
+    return np.asarray(lasting @ slow / size[:, None])
 
 
 def _lasting(through: Array) -> Array:
